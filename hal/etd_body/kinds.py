@@ -165,9 +165,13 @@ def living(
     seed: int,
     doing: Script = LYING,
     ranges: BodyRanges = RANGES,
+    adapts_faster: float = 1.0,
 ) -> LivingBody:
-    """A `LivingBody` of this kind, of the finger of this seed."""
+    """A `LivingBody` of this kind, of the finger of this seed. `adapts_faster`: where minutes are
+    played in seconds, so many times as fast use changes what it feels.
+    """
     figures = drawn(kind, seed, doing=doing, ranges=ranges)
+    tau_s = figures.feeling.adapting_tau_s / adapts_faster
     return LivingBody(
         positions_mm,
         leak_ohm=leak_ohm,
@@ -176,7 +180,7 @@ def living(
         script=figures.script,
         figures=figures.skin,
         spread=figures.spread,
-        feeling=figures.feeling,
+        feeling=replace(figures.feeling, adapting_tau_s=tau_s),
     )
 
 

@@ -12,6 +12,7 @@ from textwrap import fill
 
 from rich.table import Table
 
+from bench import felt_harm
 from bench.felt_compared import Compared
 from bench.steady_docs import put
 
@@ -46,6 +47,7 @@ _ROWS: dict[str, Callable[[Compared], str]] = {
     "not felt": lambda each: _pair(each.plain.not_felt, each.said.not_felt),
     "scans above pain": lambda each: (
         f"{each.plain.scans_above_pain:.0f}, {each.said.scans_above_pain:.0f}"
+        f"{' (excluded)' if felt_harm.excluded([each]) else ''}"
     ),
     "too strong for them, of the time": lambda each: _pair(
         each.plain.too_strong, each.said.too_strong

@@ -21,7 +21,7 @@ sys.path[:0] = [str(_TESTS)]
 import msgspec  # noqa: E402
 from rich.console import Console  # noqa: E402
 
-from bench import felt_docs, felt_laws  # noqa: E402
+from bench import felt_docs, felt_harm, felt_laws  # noqa: E402
 from bench.felt_compared import PERSONS, bounds, compared, foreseen, not_asked  # noqa: E402
 from bench.felt_person import Manner  # noqa: E402
 from bench.felt_play import MINUTES  # noqa: E402
@@ -84,7 +84,8 @@ def main() -> int:
         found = [
             foreseen(body, args.seeds, heeds=heeds, minutes=args.minutes) for body in args.bodies
         ]
-    checked, out_of_reach = bounds(found), not_asked(found)
+    checked = bounds(found) + felt_harm.bounds(found)
+    out_of_reach = not_asked(found) + felt_harm.excluded(found)
     if args.json:
         plain = {"bodies": [asdict(each) for each in found], "not_asked": out_of_reach}
         print(msgspec.json.encode(plain | {"bounds": [asdict(each) for each in checked]}).decode())

@@ -21,7 +21,7 @@ import numpy as np
 from etd.files.array import Array
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd_body.course import BUSY, Course, SkinNow
-from etd_body.kinds import BodyKind, drawn
+from etd_body.kinds import BodyKind, living
 from etd_body.living import LivingBody
 from etd_body.tissue import Floats
 from etd_body.ways import Ways
@@ -148,17 +148,14 @@ def body_of(
         return LivingBody(
             places, leak_ohm=leak_ohm, compliance_v=compliance_v, seed=seed, script=SCRIPT
         )
-    found = drawn(kind, seed, doing=SCRIPT)
-    feeling = found.feeling
-    return LivingBody(
+    return living(
+        kind,
         places,
         leak_ohm=leak_ohm,
         compliance_v=compliance_v,
         seed=seed,
-        script=found.script,
-        figures=found.skin,
-        spread=found.spread,
-        feeling=replace(feeling, adapting_tau_s=feeling.adapting_tau_s / faster),
+        doing=SCRIPT,
+        adapts_faster=faster,
     )
 
 

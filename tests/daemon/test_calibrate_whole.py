@@ -15,11 +15,15 @@ from etd.calibrate.answers import Answer, Question
 from etd.calibrate.course import Course
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.trial import Stopped, Unsettled
-from etd.protocol.calibration import ElectrodeLimits
+from etd.files.calibration import load_calibration, to_toml
+from etd.protocol.calibration import ElectrodeLimits, current_of_felt
+from etd.protocol.errors import Refused
 from noisy_skin import NoisySkin
 
 TODAY = datetime.date(2025, 3, 4)
-FOUND = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=1_500, cap_ua=1_800)
+FOUND = ElectrodeLimits(threshold_ua=300, comfortable_ua=1_500, cap_ua=1_800)
+#: Half of its comfortable level is below its threshold, and half of its cap as well.
+NEAR = replace(FOUND, threshold_ua=1_000)
 
 
 class Says:
@@ -37,11 +41,13 @@ class Says:
         return False
 
 
-def whole(tmp_path: Path, answers: Iterable[Answer]) -> tuple[NoisySkin, Progress]:
+def whole(
+    tmp_path: Path, answers: Iterable[Answer], last: ElectrodeLimits = FOUND
+) -> tuple[NoisySkin, Progress]:
     """Three felt electrodes and one that is not; what is in the file in the end."""
     path, skin = tmp_path / "P01.json", NoisySkin(4, 5)
     progress = Progress(
-        conditions=ROW, found={0: FOUND, 1: FOUND, 2: replace(FOUND, felt=False), 3: FOUND}
+        conditions=ROW, found={0: FOUND, 1: FOUND, 2: replace(FOUND, felt=False), 3: last}
     )
     course = Course(
         progress, skin, Says(answers), lambda: TODAY,
@@ -115,4 +121,38 @@ def test_where_it_never_stops_being_too_strong_it_is_given_up_or_nothing_is_left
     except Unsettled:
         pass
     assert not progress.is_whole_accepted
-    assert progress.found[0].comfortable_ua < 2
+    assert not progress.level_1_ua
+    assert not progress.found[0].felt
+    assert progress.found[0].felt_from_ua == FOUND.threshold_ua
+
+
+def test_an_electrode_whose_cap_falls_below_its_threshold_is_not_felt_within_its_cap(
+    tmp_path: Path,
+) -> None:
+    """And the file says from which current on it was."""
+    skin, kept = whole(tmp_path, ["too_strong", "felt"], NEAR)
+    limits = kept.found[3]
+    assert not limits.felt
+    assert limits.felt_from_ua == 1_000
+    assert limits.threshold_ua == limits.comfortable_ua == limits.cap_ua == 818
+    assert 3 not in skin.wholes[-1]
+    assert kept.is_whole_accepted
+    made = finished(kept, TODAY, "test")
+    path = tmp_path / "P01.toml"
+    path.write_text(to_toml(made), encoding="utf-8")
+    assert load_calibration(path).electrode[3].felt_from_ua == 1_000
+    with pytest.raises(Refused, match=r"felt from 1000 uA on.*cap of 818 uA"):
+        current_of_felt(made, 3, 0.5)
+
+
+def test_a_level_that_stays_at_its_threshold_is_presented_again_with_the_rest(
+    tmp_path: Path,
+) -> None:
+    """It is not a step below what was too strong: nobody has accepted it with all others."""
+    low = replace(NEAR, threshold_ua=1_400, cap_ua=2_400)
+    skin, kept = whole(tmp_path, ["felt", "felt", "felt", "too_strong", "felt"], low)
+    assert kept.found[3].threshold_ua == kept.found[3].comfortable_ua == 1_400
+    assert kept.found[3].felt
+    assert kept.is_whole_accepted
+    assert skin.wholes[-1] == kept.level_1_ua
+    assert len(skin.wholes) > 4

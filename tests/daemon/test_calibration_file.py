@@ -44,15 +44,28 @@ def limits(draw: st.DrawFn) -> ElectrodeLimits:
     threshold_ua, comfortable_ua, cap_ua = sorted(
         draw(st.tuples(*[st.integers(0, 10_000) for _ in range(3)]))
     )
+    felt, above_ua = draw(st.booleans()), st.integers(cap_ua + 1, 10_000)
     return ElectrodeLimits(
         threshold_ua=threshold_ua,
         comfortable_ua=comfortable_ua,
         cap_ua=cap_ua,
         resistance_ohm=draw(st.none() | st.integers(1_000, 2_000_000)),
-        felt=draw(st.booleans()),
+        felt=felt,
+        felt_from_ua=None if felt or cap_ua == 10_000 else draw(st.none() | above_ua),
         date=draw(st.none() | st.dates()),
         threshold_date=draw(st.none() | st.dates()),
     )
+
+
+@pytest.mark.parametrize("changes", ["felt_from_ua = 4000", "felt = false, felt_from_ua = 3000"])
+def test_felt_from_goes_with_a_cap_below_it_and_with_nothing_felt(
+    tmp_path: Path, changes: str
+) -> None:
+    limits = "threshold_ua = 900, comfortable_ua = 1800, cap_ua = 3000"
+    text = CALIBRATION.replace(CALIBRATION.split("electrode = [")[1], f"\n    {{ {limits} }},\n]\n")
+    path = write(tmp_path, "c.toml", text.replace("cap_ua = 3000", f"cap_ua = 3000, {changes}"))
+    with pytest.raises(FileError, match=r"electrode\[0\]\.felt_from_ua"):
+        load_calibration(path)
 
 
 TEXT = st.text(st.characters(exclude_categories=["Cc", "Cf", "Cs", "Zl", "Zp"]), max_size=20)

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import MS, calibration, states
@@ -81,6 +82,17 @@ def begin(rig: EngineRig, **fields: Any) -> int:
 
 
 # --- what is read, and what is told of it ---------------------------------------------------------
+
+
+def test_the_engine_tells_which_electrodes_were_not_felt(
+    rig: EngineRig, reader: HandReader
+) -> None:
+    made = calibration(rig, (1_000,) * N)
+    unfelt = replace(made.electrode[1], felt=False)
+    ref = begin(rig)
+    reader.found = (replace(made, electrode=(made.electrode[0], unfelt, *made.electrode[2:])),)
+    (told,) = rig.wait_for(ref).calibrations
+    assert told.unfelt == (1,)
 
 
 def test_the_engine_tells_what_it_took_when_it_opens_arms_and_reports(

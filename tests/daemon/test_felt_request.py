@@ -6,6 +6,7 @@ import asyncio
 import io
 from typing import Any
 
+import numpy as np
 import pytest
 
 from etd import AsyncDisplay, Display, Refused
@@ -57,15 +58,32 @@ def test_awaited_it_is_the_same() -> None:
 
 @pytest.mark.parametrize(
     ("answer", "electrodes", "reason"),
-    [("weak", None, "it can be too_weak, good, too_strong"), ("good", (), "electrodes is empty")],
+    [
+        ("weak", None, "it can be too_weak, good, too_strong"),
+        ("good", (), "electrodes is empty"),
+        ("too_strong", [27.5], r"27\.5 is no electrode: give whole numbers"),
+        ("too_strong", [True], "True is no electrode"),
+        ("too_strong", [-1], "-1 is no electrode"),
+        ("too_strong", [float("nan")], "nan is no electrode"),
+        ("too_strong", [None], "None is no electrode"),
+        ("too_strong", 27, r"electrodes=27: give a list of their numbers, as \[27\]"),
+        ("too_strong", "27", "give a list of their numbers"),
+        ("too_strong", {27: 0.5}, "give a list of their numbers"),
+    ],
 )
 def test_what_cannot_be_said_is_refused_in_the_program(
-    answer: Any, electrodes: tuple[int, ...] | None, reason: str
+    answer: Any, electrodes: Any, reason: str
 ) -> None:
     with ServedRig() as rig, Display(address=rig.address, client="me") as display:
         with pytest.raises(Refused, match=reason):
             display.felt(answer, electrodes)
         assert said(rig) == []
+
+
+def test_numbers_of_an_array_name_electrodes() -> None:
+    with ServedRig() as rig, Display(address=rig.address, client="me") as display:
+        display.felt("too_strong", np.array([2, 0]))
+        assert said(rig)[0].electrodes == (2, 0)
 
 
 def test_a_token_that_holds_nothing_is_refused_and_none_may_lower() -> None:
@@ -93,24 +111,45 @@ def report(felt: FeltFacts | None, now_ns: int = 0, state: Any = "ARMED") -> Sta
     return StateReport(state=state, now_ns=now_ns, engine="there", felt=felt)
 
 
-def test_the_monitor_tells_what_was_taken_and_given() -> None:
-    endpoints = Endpoints(frames="", telemetry="")
-    monitor = Monitor(
-        hello(
-            engine_hello(),
-            name="main",
-            endpoints=endpoints,
-            calibrations=(),
-            calibrations_folder="",
-            default_calibration=None,
-        )
+def watching(key: str = "") -> Monitor:
+    said_hello = hello(
+        engine_hello(),
+        name="main",
+        endpoints=Endpoints(frames="", telemetry=""),
+        calibrations=(),
+        calibrations_folder="",
+        default_calibration=None,
     )
+    return Monitor(said_hello, key=key)
+
+
+def test_the_monitor_tells_what_was_taken_and_given() -> None:
+    monitor = watching()
     monitor.hear(report(facts()))
     assert "said x0.95-1.10" in monitor.line()
     monitor.hear(report(facts(factors=(0.81,) * 4, laws_off="laws are off")))
     assert "said x0.81, LAWS OFF" in monitor.line()
     monitor.hear(report(None))
     assert "said" not in monitor.line()
+
+
+def test_who_can_press_is_told_to_press_again_until_something_else_is_said() -> None:
+    monitor = watching(key="-")
+    monitor.hear(report(facts()))
+    assert "said x0.95-1.10, press - again for more" in monitor.line()
+    monitor.hear(report(facts(2, answer="good")))
+    assert "press" not in monitor.line()
+    without = watching()
+    without.hear(report(facts()))
+    assert "press" not in without.line()
+
+
+def test_where_hardly_anything_is_left_it_is_said_what_brings_it_back() -> None:
+    monitor = watching()
+    monitor.hear(report(facts(factors=(0.0, 1.0))))
+    assert "said x0.00-1.00, hardly anything is left, until disarmed" in monitor.line()
+    monitor.hear(report(facts(factors=(0.19, 1.0))))
+    assert "hardly" not in monitor.line()
 
 
 def test_keys_are_read_of_a_terminal_only() -> None:

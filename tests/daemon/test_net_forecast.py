@@ -106,8 +106,9 @@ def test_a_frame_that_asks_for_longer_is_refused_with_what_would_last() -> None:
         )
     assert refusal.value.code == "over_maximum"
     assert refusal.value.electrode == 3
-    assert "biphasic" in refusal.value.reason
-    assert f"rate_hz {told.lasting_hz:.1f}" in refusal.value.reason
+    assert 'polarity="biphasic"' in refusal.value.reason
+    assert f"rate_hz={told.lasting_hz:.1f} lasts" in refusal.value.reason
+    assert "what moves can go on" in refusal.value.reason
 
 
 def test_a_frame_at_the_lasting_rate_lasts() -> None:

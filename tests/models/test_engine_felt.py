@@ -96,6 +96,7 @@ def test_the_reply_to_a_frame_tells_it_and_a_strict_frame_is_refused(make_rig: M
     refused = rig.show(level=only_level(0.5), rate_hz=20.0, strict=True)
     assert refused.error == "over_limit"
     assert "too strong" in refused.reason
+    assert "only disarming" in refused.reason
 
 
 def test_an_account_tells_it(make_rig: MakeRig) -> None:
@@ -152,6 +153,16 @@ def test_without_a_lease_or_unarmed_nothing_can_be_said(make_rig: MakeRig) -> No
     assert say(rig, "too_strong", lease=None).error == "not_armed"
     rig.open()
     assert say(rig, "good").error == "not_armed"
+
+
+def test_where_nothing_is_left_the_refusal_says_what_brings_it_back(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    for _ in range(40):
+        assert say(rig, "too_strong").error is None
+    hold(rig, 61_000)
+    refused = say(rig, "too_weak")
+    assert refused.error == "wrong_state"
+    assert "left 0% of the current, and only disarming brings it back" in refused.reason
 
 
 def test_what_was_not_fired_in_the_last_minute_cannot_be_good(make_rig: MakeRig) -> None:

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench import felt_docs
+from bench import felt_docs, felt_harm
 from bench.felt_compared import (
     MOST_TIMES,
     MOST_TIMES_COMMON,
@@ -48,6 +48,7 @@ TOO_SMALL_TO_TELL = replace(SHARED, drift=0.9, size=0.99 * LEAST_SIZE)
 def test_the_bound_holds_with_persons_who_are_right_four_times_of_five(body: BodyKind) -> None:
     found = compared(body, LOOKED_AT, Manner())
     assert found.variation_times <= found.bound
+    assert all(bound.is_met for bound in felt_harm.bounds([found])), felt_harm.bounds([found])
     assert found.drift.is_common == (body in DRIFTING)
     # Soaking skin begins far too strong: there is nothing to raise until it is late.
     assert found.is_out_of_reach == (body is BodyKind.SOAKING)
@@ -87,6 +88,46 @@ def test_a_bound_that_is_not_asked_is_told_and_why() -> None:
     (said,) = not_asked([held, far])
     assert "0.8 is not asked" in said
     assert "reaches 0.92" in said
+
+
+def harmed(body: BodyKind, plain: Figures, said: Figures) -> Compared:
+    return Compared(body, said, plain, 1.0, EACH_ITS_OWN, None)
+
+
+@pytest.mark.parametrize("body", BodyKind)
+def test_what_is_not_felt_has_a_bound_on_every_body(body: BodyKind) -> None:
+    plain = replace(PLAIN, not_felt=0.1)
+    for not_felt, is_met in ((0.119, True), (0.121, False)):
+        held = felt_harm.bounds([harmed(body, plain, replace(plain, not_felt=not_felt))])
+        assert [bound.is_met for bound in held if "not felt" in bound.what] == [is_met]
+
+
+@pytest.mark.parametrize("body", BodyKind)
+def test_nothing_is_above_pain_where_nothing_was_not_even_on_an_excluded_body(
+    body: BodyKind,
+) -> None:
+    held = felt_harm.bounds([harmed(body, PLAIN, replace(PLAIN, scans_above_pain=1.0))])
+    assert [bound.is_met for bound in held if "pain" in bound.what] == [False]
+    assert felt_harm.excluded([harmed(body, PLAIN, replace(PLAIN, scans_above_pain=1.0))]) == []
+
+
+@pytest.mark.parametrize("body", BodyKind)
+def test_more_above_pain_is_out_of_bounds_or_an_exclusion_that_is_said(body: BodyKind) -> None:
+    plain = replace(PLAIN, scans_above_pain=100.0)
+    for count, is_met in ((119.0, True), (121.0, False)):
+        found = [harmed(body, plain, replace(plain, scans_above_pain=count))]
+        held = [bound.is_met for bound in felt_harm.bounds(found) if "pain" in bound.what]
+        said = felt_harm.excluded(found)
+        assert held == ([] if body in felt_harm.EXCLUDED else [is_met])
+        assert len(said) == (body in felt_harm.EXCLUDED and not is_met)
+        assert all(f"{body} is excluded" in each for each in said)
+
+
+def test_the_page_names_the_excluded_bodies_beside_the_numbers() -> None:
+    section = PAGE.read_text(encoding="utf-8").split("\n### What it gives and takes")[1]
+    section = section.split("\n## ")[0]
+    named = " and ".join(f"`{body}`" for body in sorted(felt_harm.EXCLUDED))
+    assert f"**Excluded: {named.replace(' and ', ', ', 1)}**" in section
 
 
 def test_the_page_has_the_table_between_its_marks(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from etd.stabilize.said import (
     AGAIN_TIMES,
     FELT_NS,
     LOWERED_BY,
+    LOWERED_UNASKED_BY,
     MOST,
     MOST_LOWERED_BY,
     RISE_A_MINUTE,
@@ -197,9 +198,57 @@ def test_a_lone_too_strong_takes_the_same_whatever_was_said_before(story: list[M
         played.say(moment)
     played.now_ns += AGAIN_NS + 1
     before = played.offsets.factors()
-    played.offsets.lower(None, played.now_ns)
+    played.offsets.hear("too_strong", None, played.now_ns)
     for was, now in zip(before, played.offsets.factors(), strict=True):
         assert now == pytest.approx((1.0 - LOWERED_BY) * was)
+
+
+@given(stories, electrodes)
+def test_a_first_word_of_one_electrode_takes_the_same_whatever_was_said_of_others(
+    story: list[Moment], about: int
+) -> None:
+    """By whomever: a stranger's word on another one is none on this one."""
+    played = Played()
+    for moment in story:
+        played.fire(moment)
+        if moment.about is None or about not in moment.about:
+            played.say(moment)
+    before = played.offsets.factor(about)
+    played.offsets.hear("too_strong", (about,), played.now_ns)
+    assert played.offsets.factor(about) == pytest.approx((1.0 - LOWERED_UNASKED_BY) * before)
+
+
+def test_each_of_eight_electrodes_said_once_is_lowered_once() -> None:
+    offsets = FeltOffsets(8)
+    for electrode in range(8):
+        offsets.fired(electrode, 0)
+    for electrode in range(8):
+        offsets.hear("too_strong", (electrode,), 4 * electrode * S)
+    assert offsets.factors() == pytest.approx((1.0 - LOWERED_UNASKED_BY,) * 8)
+
+
+def test_words_of_all_are_insisted_on_apart_from_words_of_one() -> None:
+    offsets = FeltOffsets(2)
+    offsets.hear("too_strong", (0,), 0)
+    offsets.hear("too_strong", None, 1 * S)
+    offsets.hear("too_strong", (0,), 2 * S)
+    offsets.hear("too_strong", None, 3 * S)
+    common = (1.0 - LOWERED_BY) * (1.0 - AGAIN_TIMES * LOWERED_BY)
+    own = (1.0 - LOWERED_UNASKED_BY) * (1.0 - AGAIN_TIMES * LOWERED_UNASKED_BY)
+    assert offsets.factors() == pytest.approx((common * own, common))
+
+
+def test_who_presses_unasked_takes_more_with_the_first_word_than_an_answer_does() -> None:
+    """And no less where an answer went before it."""
+    pressed, answered = FeltOffsets(1), FeltOffsets(1)
+    pressed.lower(None, 0)
+    assert pressed.factor(0) == pytest.approx(1.0 - LOWERED_UNASKED_BY)
+    answered.hear("too_strong", None, 0)
+    answered.lower(None, S)
+    first = (1.0 - LOWERED_BY) * (1.0 - LOWERED_UNASKED_BY)
+    assert answered.factor(0) == pytest.approx(first)
+    answered.lower(None, 2 * S)
+    assert answered.factor(0) == pytest.approx(first * (1.0 - AGAIN_TIMES * LOWERED_UNASKED_BY))
 
 
 @given(stories)
@@ -219,7 +268,8 @@ def test_good_of_all_raises_none_above_its_own_though_one_had_fallen_alone() -> 
     for moment in (
         Moment(0, every, "too_strong", (0,)),
         Moment(0, every, "good", None),
-        Moment(30 * S, every, None, None),
+        Moment(40 * S, every, "good", None),
+        Moment(40 * S, every, None, None),
     ):
         played.fire(moment)
         played.say(moment)
@@ -232,7 +282,7 @@ def test_said_again_at_once_it_takes_four_times_as_much_and_never_more_than_half
     for second in range(8):
         offsets.fired(0, second * S)
         before = offsets.factor(0)
-        offsets.lower(None, second * S)
+        offsets.hear("too_strong", None, second * S)
         steps.append(1.0 - offsets.factor(0) / before)
     assert steps[0] == pytest.approx(LOWERED_BY)
     assert steps[1] == pytest.approx(AGAIN_TIMES * LOWERED_BY)

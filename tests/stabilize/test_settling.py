@@ -15,6 +15,7 @@ from plain_records import changed
 
 MS = 1_000_000
 FIRM_OHM = 30_000
+K = 0.6
 FIRM = ElectrodeEstimate(
     3,
     state="closed",
@@ -22,7 +23,7 @@ FIRM = ElectrodeEstimate(
     skin_at_ua=3_000,
     reference_ohm=FIRM_OHM,
     reference_at_ua=3_000,
-    exponent=0.8,
+    exponent=K,
 )
 OPEN = changed(FIRM, state="open", skin_ohm=None)
 STEP_NS = 100 * MS
@@ -64,7 +65,7 @@ def test_a_return_that_resists_more_gets_less_until_it_does_not() -> None:
     law = settling()
     lighter = changed(FIRM, skin_ohm=2.0 * FIRM_OHM)
     parts = after_a_return(lighter, 8.0, law)
-    assert parts[0] == pytest.approx(NEW_PART * 0.5**0.6)
+    assert parts[0] == pytest.approx(NEW_PART * 0.5**K)
     assert 0.66 < parts[-1] < 0.78, "in the end only what it resists is taken"
     firm_again = [law.part(changed(FIRM, now_ns=(90 + step) * STEP_NS)) for step in range(20)]
     assert firm_again[-1] == 1.0
@@ -90,7 +91,7 @@ def test_a_finger_just_laid_on_is_compared_with_the_calibration() -> None:
     law_under_test = settling()
     law_under_test.part(OPEN)
     dry = changed(FIRM, skin_ohm=2.0 * FIRM_OHM, now_ns=STEP_NS)
-    assert law_under_test.part(dry) == pytest.approx(NEW_PART * 0.5**0.6)
+    assert law_under_test.part(dry) == pytest.approx(NEW_PART * 0.5**K)
 
 
 def test_behind_it_a_law_by_resistance_answers_the_area_itself() -> None:
@@ -109,6 +110,21 @@ def test_a_person_whose_thresholds_were_not_found_to_follow_it_gets_the_part_by_
     parts = after_a_return(changed(nobodys, skin_ohm=resists * FIRM_OHM), 8.0)
     assert parts == after_a_return(nobodys, 8.0)
     assert parts[0] == NEW_PART
+
+
+@pytest.mark.parametrize("k", [-0.5, -2.0, 0.0])
+def test_a_threshold_that_rises_where_resistance_falls_is_settled_by_time_alone(k: float) -> None:
+    """Where ducts carry the current, less resistance is felt less: the part by area would err."""
+    wrong_way = changed(FIRM, skin_ohm=2.25 * FIRM_OHM, exponent=k)
+    assert after_a_return(wrong_way, 12.0) == after_a_return(
+        changed(wrong_way, exponent=None), 12.0
+    )
+
+
+@pytest.mark.parametrize("k", [0.2, 0.6, 1.1, 2.0])
+def test_the_part_falls_as_the_persons_own_threshold_does(k: float) -> None:
+    lighter = changed(FIRM, skin_ohm=1.5 * FIRM_OHM, exponent=k)
+    assert after_a_return(lighter, 1.0)[0] == pytest.approx(max(LEAST_PART, NEW_PART * 1.5**-k))
 
 
 def test_without_a_calibration_all_is_given() -> None:
@@ -169,7 +185,7 @@ def test_short_pulses_are_compared_with_a_calibration_made_with_short_ones() -> 
     law.part(changed(firm, state="open", skin_ohm=None, early_ohm=None))
     assert law.part(changed(firm, now_ns=STEP_NS)) == pytest.approx(NEW_PART)
     lighter = changed(firm, early_ohm=2.0 * FIRM_OHM, now_ns=2 * STEP_NS)
-    assert law.part(lighter) == pytest.approx(NEW_PART * 0.5**0.6)
+    assert law.part(lighter) == pytest.approx(NEW_PART * 0.5**K)
 
 
 @pytest.mark.parametrize("is_early", [False, True])
@@ -182,7 +198,7 @@ def test_a_resistance_that_rose_with_the_last_pulse_is_answered_with_the_next(
     law.part(FIRM)
     law.part(changed(OPEN, now_ns=STEP_NS))
     risen = changed(mean, latest_ohm=risen_ohm, latest_early_ohm=risen_ohm)
-    assert law.part(risen) == pytest.approx(NEW_PART * 1.2**-0.6)
+    assert law.part(risen) == pytest.approx(NEW_PART * 1.2**-K)
 
 
 def test_a_lowest_resistance_is_forgotten_as_fast_at_two_pulses_a_second() -> None:

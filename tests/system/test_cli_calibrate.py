@@ -202,7 +202,7 @@ def test_the_keys_that_end_it_are_heard_while_the_operator_is_waited_for(
 def test_a_whole_array_too_strong_is_told_with_what_is_left_of_the_levels(rig: CommandRig) -> None:
     """Half of level 1 was accepted, the step above it was not."""
     conditions = msgspec.structs.replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000)
-    limits = ElectrodeLimits(threshold_ua=900, comfortable_ua=1_600, cap_ua=1_900)
+    limits = ElectrodeLimits(threshold_ua=500, comfortable_ua=1_600, cap_ua=1_900)
     progress = Progress(conditions=conditions, seed=SEED, found=dict.fromkeys(range(8), limits))
     save_progress(rig.folder / "state" / "etd" / "fake" / "calibrating" / "P01.json", progress)
     out = rig.folder / "P01.toml"
@@ -235,7 +235,8 @@ def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Sig
         finally:
             at.close()
         assert said.status == 130, said.err
-        assert "no electrode has a result yet: the same command starts again" in said.err
+        anew = "halted, until `etd clear`; no electrode has a result yet: the same command starts"
+        assert anew in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
 
 

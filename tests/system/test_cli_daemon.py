@@ -158,7 +158,7 @@ def test_a_key_in_the_monitor_says_too_strong(rig: CommandRig) -> None:
         watching = rig.start("monitor", stdin=keys)
         watching.line_with("ARMED", "stdout")
         os.write(terminal, b"x-")
-        watching.line_with("said x0.99", "stdout")
+        watching.line_with("said x0.95, press - again for more", "stdout")
         told = next(
             report.felt
             for _, report in reports

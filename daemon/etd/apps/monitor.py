@@ -29,6 +29,8 @@ _CONTACT: dict[bool | None, ContactState] = {True: "closed", False: "open", None
 _FIRM_KPA = 100.0
 #: The felt strength of full brightness, in thresholds.
 _BRIGHT_FELT = 2.5
+#: A factor that rises by 5 % a minute does not come back from there within an hour.
+_HARDLY = 0.05
 
 
 @dataclass(slots=True)
@@ -46,6 +48,8 @@ class Monitor:
     halt: Halt | None = None
     #: What the person said of the strength.
     said: FeltFacts | None = None
+    #: The key that says too strong, where there is one to press.
+    key: str = ""
     #: Why a key did nothing; until the next one does something.
     refused: str = ""
     pressure_kpa: tuple[float | None, ...] = ()
@@ -176,7 +180,7 @@ class Monitor:
         if gains := [gain for gain in self._gains() if gain is not None]:
             parts.append(f"laws {_times(gains)}")
         if self.said is not None:
-            parts.append(_said(self.said))
+            parts.append(_said(self.said, self.key))
         if self.refused:
             parts.append(self.refused)
         if self.halt is not None:
@@ -205,9 +209,15 @@ def _times(factors: Sequence[float]) -> str:
     return f"x{least}" if least == most else f"x{least}-{most}"
 
 
-def _said(said: FeltFacts) -> str:
-    """What the person's words took and gave, as factors on the current."""
+def _said(said: FeltFacts, key: str) -> str:
+    """What the person's words took and gave, as factors on the current. A first word takes little:
+    who looks whether it was enough sees that it can be said again.
+    """
     parts = [f"said {_times(said.factors)}"]
+    if min(said.factors) < _HARDLY:
+        parts.append("hardly anything is left, until disarmed")
+    if key and said.answer == "too_strong":
+        parts.append(f"press {key} again for more")
     if said.laws_off:
         parts.append("LAWS OFF")
     return ", ".join(parts)

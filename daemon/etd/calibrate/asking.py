@@ -164,8 +164,7 @@ class Asking:
         Raises: Stopped, NotDelivered.
         """
         self._pause()
-        level_1_ua = self._progress.level_1_ua
-        currents_ua = {one: max(1, int(ua * part)) for one, ua in level_1_ua.items()}
+        currents_ua = self._progress.part_of_level_1(part)
         delivered = self._presenter.present_whole(currents_ua)
         self._progress.presentations += 1
         electrode = delivered.electrode

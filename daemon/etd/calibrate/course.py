@@ -25,7 +25,9 @@ from etd.calibrate.trial import BelowThreshold, Unsettled
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 
 #: A threshold that has changed by more than this part is a reason for a rest.
-_MOST_DRIFT = 0.2
+MOST_DRIFT = 0.2
+#: A step below a current is calculated two ways, each rounded.
+_ROUNDED_UA = 1
 #: The whole array begins at this part of all comfortable currents, and comes at most so often.
 _WHOLE_FROM = 0.5
 _MOST_WHOLE = 30
@@ -117,15 +119,22 @@ class Course:
         Raises: Stopped, NotDelivered, Unsettled, Refused, DaemonGone.
         """
         progress = self._progress
-        part, accepted, tries = _WHOLE_FROM, False, 0
+        part, tries = _WHOLE_FROM, 0
+        accepted_ua: dict[int, int] = {}
         while progress.is_whole_due:
             if (tries := tries + 1) > _MOST_WHOLE:
                 raise Unsettled(_MOST_WHOLE)
             if self._asking.whole(part) == "too_strong":
-                # The levels are a step below that now: they were presented, unless this was first.
-                part, progress.is_whole_accepted = _WHOLE_FROM, accepted
+                # The levels are a step below that now, and were presented: unless this was the
+                # first step, or a level would have fallen below its threshold.
+                part = _WHOLE_FROM
+                progress.is_whole_accepted = bool(accepted_ua) and all(
+                    current_ua <= accepted_ua[electrode] + _ROUNDED_UA
+                    for electrode, current_ua in progress.level_1_ua.items()
+                )
             else:
-                accepted, progress.is_whole_accepted = True, part >= 1.0
+                accepted_ua = progress.part_of_level_1(part)
+                progress.is_whole_accepted = part >= 1.0
                 part = min(1.0, part * RISE)
             self._on_progress(progress)
 
@@ -219,7 +228,7 @@ class Course:
             return
         progress.drift = round(again.threshold_ua / before.threshold_ua - 1.0, 3)
         self._on_progress(progress)
-        if abs(progress.drift) > _MOST_DRIFT:
+        if abs(progress.drift) > MOST_DRIFT:
             self._on_drift(progress.drift)
 
     def _queue_if_taken_back(self, electrode: int) -> None:

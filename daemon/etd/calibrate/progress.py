@@ -23,6 +23,7 @@ from etd.protocol.calibration import (
     Seed,
     SkinCelsius,
     Ua,
+    is_felt_above_cap,
     resisted_as_skin,
 )
 from etd.protocol.errors import FileError
@@ -85,17 +86,44 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
             if limits.felt and limits.comfortable_ua
         }
 
+    def part_of_level_1(self, part: float) -> dict[int, int]:
+        """In uA, by electrode."""
+        return {one: max(1, int(current_ua * part)) for one, current_ua in self.level_1_ua.items()}
+
     def take_down(self, times: float) -> None:
-        """All levels at once, and with them the caps: together they were too strong."""
+        """All levels at once, and with them the caps: together they were too strong. Thresholds are
+        what was found. A level does not fall below one; where the cap does, the electrode is not
+        felt any more within what it may carry.
+        """
         for electrode, limits in self.found.items():
             if limits.felt:
-                comfortable_ua = int(limits.comfortable_ua / times)
-                self.found[electrode] = msgspec.structs.replace(
-                    limits,
-                    threshold_ua=min(limits.threshold_ua, comfortable_ua),
-                    comfortable_ua=comfortable_ua,
-                    cap_ua=int(limits.cap_ua / times),
-                )
+                self.found[electrode] = _taken_down(limits, times)
+
+    @property
+    def below_threshold(self) -> dict[int, ElectrodeLimits]:
+        """Those whose cap was taken down below what they are felt from."""
+        return {
+            electrode: limits
+            for electrode, limits in self.found.items()
+            if limits.felt_from_ua is not None
+        }
+
+
+def _taken_down(limits: ElectrodeLimits, times: float) -> ElectrodeLimits:
+    cap_ua = int(limits.cap_ua / times)
+    if cap_ua >= limits.threshold_ua:
+        comfortable_ua = max(limits.threshold_ua, int(limits.comfortable_ua / times))
+        return msgspec.structs.replace(limits, comfortable_ua=comfortable_ua, cap_ua=cap_ua)
+    return msgspec.structs.replace(
+        limits,
+        threshold_ua=cap_ua,
+        comfortable_ua=cap_ua,
+        cap_ua=cap_ua,
+        felt=False,
+        felt_from_ua=limits.threshold_ua,
+        quality=None,
+        place=None,
+    )
 
 
 def save_progress(path: Path, progress: Progress) -> None:
@@ -178,6 +206,8 @@ def _check_found(path: str, progress: Progress, electrode: int, limits: Electrod
         )
     elif limits.cap_ua > most_ua:
         why = f"its cap of {limits.cap_ua} uA is above {most_ua} uA, the highest that is presented"
+    elif not is_felt_above_cap(limits):
+        why = f"felt_from_ua, {limits.felt_from_ua}, goes with felt = false, and is above its cap"
     elif not resisted_as_skin(limits):
         why = f"{limits.resistance_ohm} ohm is out of the range of skin"
     elif limits.cap_ua > lowered_ua:

@@ -21,7 +21,7 @@ from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.borrowed import array_of, calibration_of, lend
 from etd.cli.calibrate_conditions import COMMAND_LINE
-from etd.cli.calibrate_result import tell_trials
+from etd.cli.calibrate_result import tell_trials, until_cleared
 from etd.cli.calibrate_session import CalibrateSession
 from etd.cli.extras import check_fake
 from etd.cli.fit_session import FitSession, calibrated_first
@@ -213,13 +213,14 @@ def run(args: argparse.Namespace) -> int:
             # A terminal that goes away, among others: no key could be pressed any more.
             display.stop()
             with contextlib.suppress(OSError):
-                said = f"{Stopped('stop')}; {calibrating.kept}"
+                ended = Stopped("stop")
+                said = f"{ended}{until_cleared(args, ended)}; {calibrating.kept}"
                 print(f"etd: {said}", file=sys.stderr, flush=True)
                 tell_trials(args, calibrating.trials)
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            said = f"{stopped}; {calibrating.kept}"
+            said = f"{stopped}{until_cleared(args, stopped)}; {calibrating.kept}"
             options.answer_no(args, code, said, trials=calibrating.trials)
             tell_trials(args, calibrating.trials)
             return 1

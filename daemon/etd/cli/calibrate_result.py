@@ -10,6 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from etd.calibrate.trial import Stopped
 from etd.cli.arming import safe_again
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
@@ -31,6 +32,14 @@ def store(
 def same_command(args: argparse.Namespace) -> str:
     """The command that continues from the saved progress."""
     return "the same command" + (" without --restart" if args.restart else "")
+
+
+def until_cleared(args: argparse.Namespace, stopped: Stopped) -> str:
+    """What follows on a stop's sentence: it has halted the daemon, and nothing arms until that is
+    cleared. A fake's own daemon ends with this command.
+    """
+    is_halted = stopped.answer == "stop" and args.board is None
+    return ", until `etd clear`" if is_halted else ""
 
 
 def tell_trials(args: argparse.Namespace, trials: str | None) -> None:

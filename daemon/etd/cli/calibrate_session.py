@@ -30,7 +30,7 @@ from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
-from etd.cli.false_alarms import said_of_false_alarms
+from etd.cli.doubts import doubts_of, drift_in_words, said_of_caps
 from etd.cli.keys import keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
@@ -124,7 +124,7 @@ class CalibrateSession:
 
     def _feel_whole(self, course: Course) -> None:
         """What cannot be presented leaves the levels as each electrode was accepted."""
-        before_ua = max(self._progress.level_1_ua.values(), default=0)
+        before_ua = self._progress.level_1_ua
         try:
             course.feel_whole()
         except NotDelivered as error:
@@ -134,14 +134,8 @@ class CalibrateSession:
                 file=sys.stderr,
             )
         finally:
-            after_ua = max(self._progress.level_1_ua.values(), default=0)
-            if after_ua < before_ua:
-                print(
-                    "all electrodes at once were too strong: their levels and caps are"
-                    f" {after_ua / before_ua:.0%} of what each was alone",
-                    file=sys.stderr,
-                    flush=True,
-                )
+            if (said := _said_of_whole(before_ua, self._progress)) is not None:
+                print(said, file=sys.stderr, flush=True)
 
     def settle(self) -> int:
         """Store a complete calibration in the daemon; otherwise report what is missing."""
@@ -225,7 +219,7 @@ class CalibrateSession:
                 "presentations": count,
                 "too_strong": sorted(self._progress.lowered_ua),
                 "trials": self.trials,
-                "warning": said_of_false_alarms(made),
+                "warning": "; ".join(doubts_of(made)) or None,
                 "calibration": made,
             }
             print(msgspec.json.encode(answer).decode())
@@ -239,8 +233,8 @@ class CalibrateSession:
         )
         if self.trials is not None:
             print(f"trials: {self.trials}")
-        if (warning := said_of_false_alarms(made)) is not None:
-            print(warning)
+        for doubt in doubts_of(made):
+            print(doubt)
 
     def _where(self) -> str:
         """Where the calibration is stored; this command's fake board ends with its own."""
@@ -251,11 +245,26 @@ class CalibrateSession:
         return f"stored in {self._args.out}"
 
 
+def _said_of_whole(before_ua: dict[int, int], progress: Progress) -> str | None:
+    """What all electrodes at once have changed of the levels that each had alone."""
+    after_ua = progress.level_1_ua
+    left = [after_ua.get(electrode, 0) / ua for electrode, ua in before_ua.items()]
+    if all(part >= 1.0 for part in left):
+        return None
+    kept = [part for part in left if part > 0.0]
+    levels = f"their levels and caps are {min(kept):.0%}" if kept else "no level is left"
+    below = said_of_caps(progress.below_threshold)
+    return (
+        f"all electrodes at once were too strong: {levels} of what each was alone"
+        f"{f'; {below}' if below else ''}"
+    )
+
+
 def _rest_after(drift: float) -> str:
     """Of at most two lines of a terminal."""
     return (
-        f"The first electrode's threshold has {'risen' if drift > 0 else 'fallen'} by"
-        f" {abs(drift):.0%}.\nRest for five minutes: q, and later the same command."
+        f"The first electrode's threshold has {drift_in_words(drift)}.\n"
+        "Rest for five minutes: q, and later the same command."
     )
 
 

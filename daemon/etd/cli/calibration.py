@@ -14,7 +14,8 @@ import msgspec
 
 from etd.apps.picture import Picture
 from etd.cli import options
-from etd.cli.false_alarms import said_of_false_alarms
+from etd.cli.calibration_shown import conditions_in_words, table_of
+from etd.cli.doubts import doubts_of
 from etd.cli.new_file import check_new_file
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
@@ -124,15 +125,15 @@ def _show(args: argparse.Namespace) -> int:
         about = {"name": args.which, "digest": digest, "calibration": calibration}
         _print_json({"ok": True, **about})
         return 0
-    for key, value in {**_conditions(calibration), "digest": digest}.items():
-        print(f"{key:<16} {'not given' if value is None else shown(str(value))}")
+    conditions = {**_conditions(calibration), "digest": digest}
+    print("\n".join(map(shown, conditions_in_words(conditions))))
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([limits.threshold_ua for limits in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")
         print("\n".join(Picture(array.x_mm, array.y_mm).rows(signs)))
-    print("\n".join(_table(calibration)))
-    if (warning := said_of_false_alarms(calibration)) is not None:
-        print(shown(warning))
+    print("\n".join(table_of(calibration)))
+    for doubt in doubts_of(calibration):
+        print(shown(doubt))
     return 0
 
 
@@ -170,21 +171,6 @@ def _signs(values: list[int]) -> list[str]:
     least = min(values)
     span = max(max(values) - least, 1)
     return [str((value - least) * 9 // span) for value in values]
-
-
-def _table(calibration: Calibration) -> list[str]:
-    lines = ["electrode  threshold  comfortable  cap (uA)       resistance"]
-    for electrode, limits in enumerate(calibration.electrode):
-        ohm = "not known" if limits.resistance_ohm is None else f"{limits.resistance_ohm} ohm"
-        felt = "" if limits.felt else "  not felt"
-        day = "" if limits.date is None else f"  of {limits.date.isoformat()}"
-        if limits.threshold_date is not None:
-            day += f"  threshold and cap of {limits.threshold_date.isoformat()}"
-        lines.append(
-            f"{electrode:>9}  {limits.threshold_ua:>9}  {limits.comfortable_ua:>11}"
-            f"  {limits.cap_ua:>8}  {ohm:>15}{felt}{day}"
-        )
-    return lines
 
 
 # --- files ---------------------------------------------------------------------------------------

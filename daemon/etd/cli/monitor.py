@@ -36,8 +36,9 @@ line says it as factors on the charge ("laws x0.71-1.30"), before limits.
 more), and the limits that clamped a current (names as in docs/protocol.md).
 
 "said x0.81" is what the person's answers on the strength left of the current (display.felt).
-The key - says too strong for them: all electrodes get less at once. It can only lower, since the
-monitor does not hold the lease. Otherwise the command only reads telemetry.
+The key - says too strong for them: all electrodes get 5 % less at once. Press again for more:
+within half a minute 20 % less, then half. It can only lower, since the monitor does not hold the
+lease. It is no stop: that is `etd stop`. Otherwise the command only reads telemetry.
 """
 #: The key for it.
 TOO_STRONG = "-"
@@ -94,7 +95,7 @@ def _print_lines(heard: Iterator[Item | None]) -> None:
 
 def _draw(display: Display, heard: Iterator[Item | None], pressed: Callable[[], str]) -> None:
     facts = display.facts
-    monitor = Monitor(facts)
+    monitor = Monitor(facts, key=TOO_STRONG if sys.stdin.isatty() else "")
     title = f"etd {facts.name} (backend: {facts.board.backend}; {facts.board.name})"
     with picture_of(monitor, title) as picture:
         for item in heard:

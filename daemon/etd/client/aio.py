@@ -115,6 +115,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         """
         openings = self._openings(open_to, open_to_ua)
         taken = await self._run(self._session.arm(timeout_s))
+        self._leave_out_unfelt(openings, taken)
         for made in openings:
             await self._play(course.opening(self._session, made, clock.now_ns))
         return taken

@@ -7,6 +7,7 @@ a reply is waited for.
 from __future__ import annotations
 
 import os
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Generic, TypeVar
@@ -26,6 +27,7 @@ from etd.client.values import Numbers
 from etd.client.way import LocalWay, Way
 from etd.files.paths import DEFAULT_NAME
 from etd.protocol.messages import HelloReply
+from etd.protocol.opening import LeaseCalibration
 
 S = TypeVar("S", bound="zmq.Socket[Any]")
 
@@ -129,6 +131,23 @@ class Connection(ABC, Generic[S]):
             for kind, strengths in given
             if strengths is not None
         ]
+
+    def _leave_out_unfelt(
+        self, openings: Sequence[Opening], taken: Sequence[LeaseCalibration]
+    ) -> None:
+        """One level opens the electrodes that are felt; which were left out is a warning."""
+        unfelt = sorted({electrode for each in taken for electrode in each.unfelt})
+        # Where none is felt, the daemon's refusal says so.
+        if not unfelt or len(unfelt) == self.electrodes:
+            return
+        for opening in openings:
+            if opening.names_none:
+                opening.leave_out(unfelt)
+                warnings.warn(
+                    "open_to: electrodes that were not felt when they were calibrated are left"
+                    f" out: {', '.join(map(str, unfelt))}",
+                    stacklevel=3,
+                )
 
     @property
     @abstractmethod

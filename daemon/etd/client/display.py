@@ -98,13 +98,15 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """Open the lease if none stands, check the board and enable the supply; blocks for it.
         Returns the calibrations that are in force, as the engine has read them.
 
-        `open_to`: then fire these levels (one number: on all electrodes) until the soft start lets
-        them through, and be silent; `open_to_ua` the same for currents. It is felt: it takes a
+        `open_to`: then fire these levels (one number: on all electrodes that are felt; a
+        `UserWarning` names the others) until the soft start lets them through, and be silent;
+        `open_to_ua` the same for currents (one number: on all electrodes). It is felt: it takes a
         second for each 4 mA. Once a session is enough, see docs/protocol.md. Raises: Refused
         (`wrong_state`) if they do not get through, `over_limit` for more than a cap.
         """
         openings = self._openings(open_to, open_to_ua)
         taken = self._run(self._session.arm(timeout_s))
+        self._leave_out_unfelt(openings, taken)
         for made in openings:
             self._play(course.opening(self._session, made, clock.now_ns))
         return taken
@@ -275,11 +277,12 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> None:
         """What the person says of the strength: "too_weak", "good" or "too_strong", of these
-        electrodes or of all (None). Too strong lowers at once: by 1.25 %, by four times as much as
-        the time before where it is said again within half a minute. Too weak raises levels, by at
-        most 5 % a minute and 20 % in all. What was said is gone when the board is disarmed. A
-        program that does not hold the lease can only lower. Raises: Refused (`not_armed`,
-        `other_lease`, `no_lease`; `wrong_state`: not fired in the last minute).
+        electrodes or of all (None). Too strong lowers at once: by 1.25 %, by 5 % where it names
+        electrodes or comes from a program without the lease; said again of the same within half a
+        minute, by four times as much as the time before. Too weak raises levels, by at most 5 % a
+        minute and 20 % in all. What was said is gone when the board is disarmed. A program that
+        does not hold the lease can only lower. Raises: Refused (`not_armed`, `other_lease`,
+        `no_lease`; `wrong_state`: not fired in the last minute; `bad_message`).
         """
         self._run(self._session.felt(answer, electrodes))
 

@@ -9,7 +9,7 @@ reply to each frame what it still cuts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from numbers import Real
 from typing import cast
 
@@ -24,7 +24,9 @@ _WITHIN_NS = 30_000_000_000
 
 
 class Opening:
-    """`strengths`: one number for all electrodes, or one for each; levels, or currents in uA."""
+    """`strengths`: one number for all electrodes, or one for each; levels, or currents in uA. One
+    level is meant for all that are felt (`leave_out`).
+    """
 
     def __init__(
         self,
@@ -34,6 +36,8 @@ class Opening:
         by_electrode: Callable[[Numbers], Numbers],
     ) -> None:
         """`by_electrode`: one number for each, from a mapping or rows."""
+        #: Whether it is one level, which names no electrode.
+        self.names_none = kind == "level" and isinstance(strengths, Real)
         if isinstance(strengths, Real):
             numbers: Numbers = [float(strengths)] * electrodes
         else:
@@ -45,6 +49,14 @@ class Opening:
         self._until_ns: int | None = None
         self.renewal_s = renewal_s(self._fields)
         self._kind = kind
+
+    def leave_out(self, unfelt: Collection[int]) -> None:
+        """Open all others: a level has no meaning on these, and one number has not named them."""
+        levels = self._fields[self._kind]
+        if isinstance(levels, list):
+            self._fields[self._kind] = [
+                0.0 if electrode in unfelt else level for electrode, level in enumerate(levels)
+            ]
 
     def frame(self, now_ns: int) -> dict[str, object]:
         """The next frame to send."""

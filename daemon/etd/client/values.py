@@ -190,7 +190,27 @@ def felt(answer: str, electrodes: Iterable[int] | None) -> dict[str, object]:
         raise Refused("bad_message", f"answer is {answer!r}: it can be {said}")
     if electrodes is None:
         return {"answer": answer}
-    named = [int(electrode) for electrode in electrodes]
+    return {"answer": answer, "electrodes": _numbers_of(electrodes)}
+
+
+def _numbers_of(electrodes: object) -> list[int]:
+    """Raises: Refused (`bad_message`): a number that is not whole names no electrode."""
+    if isinstance(electrodes, ArrayLike):
+        electrodes = electrodes.tolist()
+    if isinstance(electrodes, (str, bytes, Mapping)) or not isinstance(electrodes, Iterable):
+        raise Refused(
+            "bad_message",
+            f"electrodes={electrodes!r:.40}: give a list of their numbers, as [27], or leave it out"
+            " for all",
+        )
+    named: list[int] = []
+    for number in electrodes:
+        if isinstance(number, bool) or not isinstance(number, Integral) or number < 0:
+            raise Refused(
+                "bad_message",
+                f"electrodes: {number!r:.40} is no electrode: give whole numbers, from 0 on",
+            )
+        named.append(int(number))
     if not named:
         raise Refused("bad_message", "electrodes is empty: name some, or leave it out for all")
-    return {"answer": answer, "electrodes": named}
+    return named

@@ -16,6 +16,9 @@ from etd.stabilize.law_watch import LAST, LawWatch
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import FeltOffsets
 
+#: What rises by 5 % a minute does not come back from there within an hour.
+_HARDLY = 0.05
+
 
 class Feeling:
     """One per engine: what was said is gone when the supply is off, and laws that were given up
@@ -80,7 +83,10 @@ class Feeling:
         about = self._felt_of(said.electrodes, now_ns)
         if said.lease is not None and about:
             self._judge_laws(said.answer, about)
-        self._offsets.hear(said.answer, said.electrodes, now_ns)
+        if said.lease is None:
+            self._offsets.lower(said.electrodes, now_ns)
+        else:
+            self._offsets.hear(said.answer, said.electrodes, now_ns)
         self._answers += 1
         self._last = now_ns, said
 
@@ -98,14 +104,14 @@ class Feeling:
             if not self._offsets.was_felt(electrode, now_ns):
                 raise Refused(
                     "wrong_state",
-                    f"electrode {electrode} was not fired in the last minute: say it of what is"
-                    " felt now",
+                    f"electrode {electrode} was not fired in the last minute"
+                    f"{_what_to_do(self._offsets.factor(electrode))}",
                     electrode,
                 )
         if not self._offsets.felt(now_ns):
             raise Refused(
                 "wrong_state",
-                "nothing was fired in the last minute: say it of what is felt now",
+                f"nothing was fired in the last minute{_what_to_do(max(self._offsets.factors()))}",
             )
 
     def _felt_of(self, electrodes: Sequence[int] | None, now_ns: int) -> tuple[int, ...]:
@@ -140,3 +146,12 @@ class Feeling:
             factors=tuple([round(factor, 3) for factor in self._offsets.factors()]),
             laws_off=self.laws_off,
         )
+
+
+def _what_to_do(factor: float) -> str:
+    """Where nothing was fired; too strong may have left less than a pulse."""
+    if factor < _HARDLY:
+        return (
+            f": too strong has left {factor:.0%} of the current, and only disarming brings it back"
+        )
+    return ": say it of what is felt now"

@@ -110,7 +110,9 @@ class Opening:
 def taken(command: OpenLease, calibrations: Sequence[Calibration]) -> tuple[LeaseCalibration, ...]:
     """What the lease is opened with, as replies name it. Raises: Refused (`bad_calibration`)."""
     told = tuple(
-        LeaseCalibration(name=wanted.name, polarity=made.polarity, digest=digest_of(made))
+        LeaseCalibration(
+            name=wanted.name, polarity=made.polarity, digest=digest_of(made), unfelt=made.unfelt
+        )
         for wanted, made in zip(command.calibrations, calibrations, strict=True)
     )
     for wanted, found in zip(command.calibrations, told, strict=True):

@@ -146,12 +146,14 @@ class NetForecast:
         return _LEAK_S * math.log((end_pc - left_pc) / (end_pc - room_pc))
 
     def _refusal(self, first: _First, lasting_hz: float) -> Refused:
-        slower = f" rate_hz {lasting_hz:.1f}," if lasting_hz > 0.0 else ""
+        slower = f" rate_hz={lasting_hz:.1f} lasts," if lasting_hz > 0.0 else ""
         return Refused(
             "over_maximum",
             f"electrode {first.electrode}: after {first.after_s * 1e3:.0f} ms of this frame more"
             f" than {self._bound_pc / _PC_PER_UC:g} uC of net charge would be on it, the maximum"
-            " here: pulses of one polarity leave direct current. Show it for less long, or with"
-            f'{slower} lower currents, more electrodes at once, or polarity "biphasic"',
+            " here: pulses of one polarity leave direct current, which leaks away in seconds where"
+            ' it is silent. polarity="biphasic" leaves none (levels: with a calibration for it);'
+            f"{slower} or show it for less long, elsewhere in between (what moves can go on), or"
+            " with lower currents",
             first.electrode,
         )

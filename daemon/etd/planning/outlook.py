@@ -23,7 +23,8 @@ RisenAfter = Callable[[int, int, int], int | None]
 WHAT_TO_DO: Final[Mapping[ClampReason, str]] = {
     "soft_start": ": show it without strict until its reply has no clamps, or arm(open_to=...)",
     "recontact": ": show it without strict until its reply has no clamps",
-    "felt": ": the person said that it is too strong, and has not said since that it is too weak",
+    "felt": ": the person said that it is too strong; too_weak gives it back by 5 % a minute, and"
+    " where hardly anything is left only disarming does",
     "contact_open": ": nothing touches it",
     "return_cap": ": ask for less; or, after a silence of a second, show a silent frame for a tenth"
     " of one, in which contact polls tell what its returns carry",

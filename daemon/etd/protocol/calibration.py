@@ -46,6 +46,9 @@ class ElectrodeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     #: False: nothing was felt up to the cap, or nothing was tried; then the three currents are
     #: bounds only.
     felt: bool = True
+    #: Where `felt` is false because its cap was taken down with the whole array's: its threshold,
+    #: which is above the cap.
+    felt_from_ua: Ua | None = None
     #: Where it differs from the file's date: the day on which the values were found.
     date: datetime.date | None = None
     #: Where threshold and cap are an earlier day's than the rest, which was matched to a reference.
@@ -90,6 +93,11 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     #: How far this person's thresholds follow the resistance, for `power_law`.
     exponent: FittedExponent | None = None
 
+    @property
+    def unfelt(self) -> tuple[int, ...]:
+        """The electrodes on which a level above 0 has no meaning."""
+        return tuple([number for number, limits in enumerate(self.electrode) if not limits.felt])
+
 
 def current_of_level(limits: ElectrodeLimits, level: float, gamma: float) -> int:
     """The current of a level, in uA: 0 is silent, above 0 to 1 is threshold to comfortable, by a
@@ -122,11 +130,16 @@ def current_of_felt(calibration: Calibration, electrode: int, level: float) -> i
     """
     limits = calibration.electrode[electrode]
     if not limits.felt:
+        why = "was not felt when it was calibrated (felt = false,"
+        if limits.felt_from_ua is not None:
+            why = (
+                f"is felt from {limits.felt_from_ua} uA on, above its cap of {limits.cap_ua} uA, to"
+                " which the whole array was taken down (felt = false,"
+            )
         raise Refused(
             "level_needs_calibration",
-            f"electrode {electrode} was not felt when it was calibrated (felt = false,"
-            f" {calibration.polarity}), so a level has no meaning there: leave it out (level 0), or"
-            " calibrate it again",
+            f"electrode {electrode} {why} {calibration.polarity}), so a level has no meaning there:"
+            " leave it out (level 0), or calibrate it again",
             electrode,
         )
     return current_of_level(limits, level, calibration.gamma)
@@ -246,6 +259,15 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
                 " uA do not rise",
                 "comfortable lies between threshold and cap",
             )
+        if not is_felt_above_cap(limits):
+            raise FileError(
+                file,
+                f"electrode[{index}].felt_from_ua",
+                f"{limits.felt_from_ua} uA with felt = {str(limits.felt).lower()} and a cap of"
+                f" {limits.cap_ua} uA",
+                "it is the threshold of an electrode that is not felt within its cap: above the"
+                " cap, with felt = false; else leave it out",
+            )
         if not resisted_as_skin(limits):
             raise FileError(
                 file,
@@ -257,6 +279,12 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
                 " resistance that they measure",
             )
     return calibration
+
+
+def is_felt_above_cap(limits: ElectrodeLimits) -> bool:
+    """Whether `felt_from_ua` is what it is for, or is not given."""
+    felt_from_ua = limits.felt_from_ua
+    return felt_from_ua is None or (not limits.felt and felt_from_ua > limits.cap_ua)
 
 
 def resisted_as_skin(limits: ElectrodeLimits) -> bool:

@@ -47,11 +47,14 @@ WantedCalibrations = Annotated[tuple[WantedCalibration, ...], Meta(max_length=MO
 
 
 class LeaseCalibration(msgspec.Struct, frozen=True, kw_only=True):
-    """A calibration that a lease was opened with. `digest`: SHA-256 of its content."""
+    """A calibration that a lease was opened with. `digest`: SHA-256 of its content. `unfelt`: the
+    electrodes that were not felt, on which a level above 0 is refused.
+    """
 
     name: str
     polarity: Polarity
     digest: str
+    unfelt: tuple[int, ...] = ()
 
 
 class NamedCalibration(msgspec.Struct, frozen=True, kw_only=True):

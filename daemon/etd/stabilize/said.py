@@ -3,9 +3,11 @@
 Owns: the rules below, electrode by electrode. Must not know: limits, laws, clocks, who says it: who
 may raise is decided by the caller. It is a request like any other: the limits come after it.
 
-- *too strong* lowers at once: every electrode, or those that are named. A lone word takes little,
-  because it may be an error; said again within half a minute it takes four times as much as the
-  time before, at most half.
+- *too strong* lowers at once: every electrode, or those that are named. A lone answer about all of
+  them takes little, because it may be an error; one about named electrodes, and one by somebody
+  whom nobody asks (`lower`), takes more. Said again of the same within half a minute it takes four
+  times as much as the time before, at most half. All are one thing to insist on, each electrode is
+  another: what was said of one makes no word about another one a second word.
 - *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
   minute within the minute that follows, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
@@ -16,7 +18,8 @@ may raise is decided by the caller. It is a request like any other: the limits c
   rise above the frame's own is lost as well.
 - Nothing rises by itself: without an answer a factor stays, or is lost by `reset`.
 
-`lower` takes the word of somebody who may not raise: it only ever lowers, the estimate too.
+`lower` takes the word of somebody who may not raise, as a button's: it only ever lowers, the
+estimate too.
 """
 
 from __future__ import annotations
@@ -32,8 +35,10 @@ FELT_NS: Final = 60_000_000_000
 #: The most that a factor reaches, and by how much it rises in a minute.
 MOST: Final = 1.2
 RISE_A_MINUTE: Final = 1.05
-#: What *too strong* takes at once; so many times as much where it is said again so soon; the most.
+#: What *too strong* takes at once: as an answer about all; about named electrodes, or unasked. So
+#: many times as much where it is said again so soon; the most.
 LOWERED_BY: Final = 0.0125
+LOWERED_UNASKED_BY: Final = 0.05
 AGAIN_TIMES: Final = 4.0
 AGAIN_NS: Final = 30_000_000_000
 MOST_LOWERED_BY: Final = 0.5
@@ -41,12 +46,31 @@ _MOST_LOG: Final = math.log(MOST)
 _RISE_PER_NS: Final = math.log(RISE_A_MINUTE) / 60e9
 
 
+class _Insisting:
+    """What the last *too strong* about the same took, and until when another one takes more."""
+
+    __slots__ = ("_again_ns", "_took")
+
+    def __init__(self) -> None:
+        self._took = 0.0
+        self._again_ns = 0
+
+    def takes(self, first: float, now_ns: int) -> float:
+        """The part of the current that one takes now: `first`, or more."""
+        again = AGAIN_TIMES * self._took if now_ns <= self._again_ns else 0.0
+        self._took = min(max(first, again), MOST_LOWERED_BY)
+        self._again_ns = now_ns + AGAIN_NS
+        return self._took
+
+
 class _Electrode:
     """`offset`: the logarithm of its factor, as of `at_ns`; `target`: how far it may rise until
     `until_ns`. `has_weak`: the lease's holder has said *too weak* of it.
     """
 
-    __slots__ = ("at_ns", "fired_ns", "has_weak", "offset", "own", "target", "until_ns")
+    __slots__ = (
+        *("at_ns", "fired_ns", "has_weak", "insisting", "offset", "own", "target", "until_ns"),
+    )
 
     def __init__(self) -> None:
         self.offset = 0.0
@@ -56,6 +80,7 @@ class _Electrode:
         self.has_weak = False
         self.fired_ns: int | None = None
         self.own: OffsetEstimate | None = None
+        self.insisting = _Insisting()
 
     def own_mean(self, now_ns: int) -> float:
         return 0.0 if self.own is None else self.own.mean(now_ns)
@@ -101,18 +126,16 @@ class FeltOffsets:
     def __init__(self, electrodes: int) -> None:
         self._electrodes = [_Electrode() for _ in range(electrodes)]
         self._common = OffsetEstimate()
+        self._insisting = _Insisting()
         #: Whether any factor can differ from 1.
         self.is_idle = True
-        #: What the last *too strong* took, and until when another one takes more.
-        self._lowered_by = 0.0
-        self._again_ns = 0
 
     def reset(self) -> None:
         """All that was said is gone."""
         self._electrodes = [_Electrode() for _ in self._electrodes]
         self._common = OffsetEstimate()
+        self._insisting = _Insisting()
         self.is_idle = True
-        self._lowered_by = 0.0
 
     def fired(self, electrode: int, now_ns: int) -> None:
         """A pulse of a frame was fired at this electrode."""
@@ -148,26 +171,30 @@ class FeltOffsets:
         """The word of who may raise: about these electrodes, or None: all in common. Of those it
         is about, only such as were fired in the last minute can rise.
         """
+        if answer == "too_strong":
+            self._take(LOWERED_BY if electrodes is None else LOWERED_UNASKED_BY, electrodes, now_ns)
+            return
         self.is_idle = False
         self._estimate(answer, electrodes, now_ns)
-        if answer == "too_strong":
-            self._lower(electrodes, now_ns)
-            return
         for electrode in self._those(electrodes):
             if electrode.was_felt(now_ns):
                 wanted = self._wanted(electrode, now_ns)
                 electrode.let_go_to(wanted, now_ns, is_weak=answer == "too_weak")
 
     def lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        """*Too strong*, by anybody."""
-        self.hear("too_strong", electrodes, now_ns)
+        """*Too strong*, by anybody, whom nobody asked."""
+        self._take(LOWERED_UNASKED_BY, electrodes, now_ns)
 
-    def _lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        again_by = AGAIN_TIMES * self._lowered_by if now_ns <= self._again_ns else 0.0
-        self._lowered_by = min(max(LOWERED_BY, again_by), MOST_LOWERED_BY)
-        self._again_ns = now_ns + AGAIN_NS
-        step = math.log(1.0 - self._lowered_by)
+    def _take(self, first: float, electrodes: Sequence[int] | None, now_ns: int) -> None:
+        self.is_idle = False
+        self._estimate("too_strong", electrodes, now_ns)
+        if electrodes is None:
+            step = math.log(1.0 - self._insisting.takes(first, now_ns))
+            for electrode in self._electrodes:
+                electrode.lower_to(electrode.offset + step)
+            return
         for electrode in self._those(electrodes):
+            step = math.log(1.0 - electrode.insisting.takes(first, now_ns))
             electrode.lower_to(electrode.offset + step)
 
     def _estimate(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:

@@ -7,19 +7,20 @@ A finger that touches again first lies on with a part of its area; the same curr
 smaller area is felt more strongly (Kajimoto, Electro-tactile Display, sections 3.1 and 4). The
 resistance is inversely proportional to the area. No rule is published; this one is by design:
 
-    part = (R_firm / R)^0.6, times 0.8 for the first 3 s, rising to 1 within 4 s more
+    part = (R_firm / R)^k, times 0.8 for the first 3 s, rising to 1 within 4 s more
 
-until R has fallen to R_firm. R_firm is the lowest recent resistance of firm contact, confirmed by
-two pulses in a row; at first the calibration's. It rises toward the present resistance with a time
-constant of 20 s, so that a finger that stays lighter gets its full strength in the end. The part is
-at least 0.4, which is enough to measure by. It falls at once and rises slowly, to avoid a step.
-Exponent, bounds and times were tuned on modelled fingers.
+with k of the person's own thresholds, R^-k, until R has fallen to R_firm. R_firm is the lowest
+recent resistance of firm contact, confirmed by two pulses in a row; at first the calibration's. It
+rises toward the present resistance with a time constant of 20 s, so that a finger that stays
+lighter gets its full strength in the end. The part is at least 0.4, which is enough to measure by.
+It falls at once and rises slowly, to avoid a step. Bounds and times were tuned on modelled fingers.
 
-The part depends on time only where the person's thresholds were not found to follow the resistance
-(no k in the calibration that may be used: on modelled fingers whose threshold does not follow it,
-the part by resistance made the sensation less steady); and where a law by resistance follows in the
-order, which compensates for the area itself. Without a calibration the part is 1, so that a
-calibration presents what it requests.
+The part depends on time only where the person's thresholds were not found to fall as resistance
+rises: no k in the calibration that may be used (on modelled fingers whose threshold does not follow
+it, the part by resistance made the sensation less steady), or one that is not above zero (a larger
+resistance is then felt less, as where ducts carry the current); and where a law by resistance
+follows in the order, which compensates for the area itself. Without a calibration the part is 1, so
+that a calibration presents what it requests.
 """
 
 from __future__ import annotations
@@ -34,7 +35,6 @@ from etd.stabilize.slew import SlewLimiter
 #: For how long a touch is new, and after how long the part by time is 1.
 NEW_NS, SETTLED_NS = 3_000_000_000, 7_000_000_000
 NEW_PART, LEAST_PART = 0.8, 0.4
-_EXPONENT = 0.6
 _FORGOTTEN_NS = 20_000_000_000
 _RISE_PER_S = 0.5
 
@@ -85,24 +85,24 @@ class Settling:
         if estimate.state in ("open", "unknown") or estimate.firmness == 0.0:
             contact.touched_ns = estimate.now_ns
         log_ohm = _log_ohm(estimate)
-        is_followed = self._goes_by_resistance and estimate.exponent is not None
-        followed_log_ohm = log_ohm if is_followed else None
-        wanted = self._wanted(contact, followed_log_ohm, estimate.now_ns)
+        k = estimate.exponent if self._goes_by_resistance else None
+        fallen = 0.0
+        if log_ohm is not None and k is not None and k > 0.0:
+            fallen = k * max(0.0, log_ohm - contact.firm_log_ohm)
+        wanted = self._wanted(contact, fallen, estimate.now_ns)
         if estimate.state == "closed" and log_ohm is not None:
             contact.remember(log_ohm, estimate.now_ns)
         return self._part.toward(estimate.electrode, wanted, estimate.now_ns)
 
-    def _wanted(self, contact: _SettlingContact, log_ohm: float | None, now_ns: int) -> float:
+    def _wanted(self, contact: _SettlingContact, fallen: float, now_ns: int) -> float:
+        """`fallen`: by how much the logarithm of the threshold lies below that of firm contact."""
         if contact.touched_ns is None:
             return 1.0
-        above = 0.0
-        if log_ohm is not None:
-            above = log_ohm - contact.firm_log_ohm
         new_part = _new_part(now_ns - contact.touched_ns)
-        if above <= 0.0 and new_part >= 1.0:
+        if fallen <= 0.0 and new_part >= 1.0:
             contact.touched_ns = None
             return 1.0
-        return max(LEAST_PART, new_part * math.exp(-_EXPONENT * max(0.0, above)))
+        return max(LEAST_PART, new_part * math.exp(-fallen))
 
 
 def _new_part(since_ns: int) -> float:

@@ -1,0 +1,53 @@
+"""What is to be doubted of a calibration, as sentences: at its end, and whenever it is shown.
+
+Owns: the sentences about drift and about electrodes that are not felt within their caps, and the
+order of all. Must not know: how silent trials are presented, how a calibration is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from etd.calibrate.course import MOST_DRIFT
+from etd.cli.false_alarms import said_of_false_alarms
+from etd.protocol.calibration import Calibration, ElectrodeLimits
+
+
+def doubts_of(made: Calibration) -> list[str]:
+    """None where nothing is known against it."""
+    found = (
+        said_of_false_alarms(made),
+        _of_drift(made),
+        said_of_caps(dict(enumerate(made.electrode))),
+    )
+    return [sentence for sentence in found if sentence is not None]
+
+
+def drift_in_words(drift: float) -> str:
+    """`risen by 42 %`"""
+    return f"{'risen' if drift > 0 else 'fallen'} by {abs(drift):.0%}"
+
+
+def _of_drift(made: Calibration) -> str | None:
+    if made.drift is None or abs(made.drift) <= MOST_DRIFT:
+        return None
+    return (
+        f"the first electrode's threshold had {drift_in_words(made.drift)} when it was last asked"
+        f" again, more than {MOST_DRIFT:.0%}: those of the others may be off by as much; let"
+        f" {made.participant} rest, and calibrate again"
+    )
+
+
+def said_of_caps(each: Mapping[int, ElectrodeLimits]) -> str | None:
+    """Of those that have a `felt_from_ua`; None where none has."""
+    found = [
+        f"{electrode} (felt from {limits.felt_from_ua} uA on, its cap is {limits.cap_ua} uA)"
+        for electrode, limits in each.items()
+        if limits.felt_from_ua is not None
+    ]
+    if not found:
+        return None
+    return (
+        "not felt within its cap, since all at once were too strong and were taken down: electrode"
+        f" {', '.join(found)}"
+    )

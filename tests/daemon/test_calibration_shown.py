@@ -1,0 +1,72 @@
+"""A calibration in words: what `etd calibration show` and the end of a calibration say of it."""
+
+from __future__ import annotations
+
+import pytest
+from msgspec.structs import replace
+
+from engine_parts import calibration
+from engine_scenes import exponent
+from etd.cli.calibration_shown import conditions_in_words, table_of
+from etd.cli.doubts import doubts_of
+
+MADE = calibration(3)
+FITTED = exponent(0.8)
+
+
+def said(**conditions: object) -> str:
+    (line,) = conditions_in_words(conditions)
+    return line
+
+
+def test_a_figure_has_its_unit() -> None:
+    assert said(rate_hz=60.0).endswith(" 60 Hz")
+    assert said(width_us=100).endswith(" 100 us")
+    assert said(largest_cap_ua=900).endswith(" 900 uA")
+    assert said(skin_celsius=31.5).endswith(" 31.5 C")
+    assert "12% of the silent trials" in said(false_alarm_rate=0.12)
+    assert said(seed=None).endswith(" not given")
+
+
+def test_a_drift_is_said_in_percent_and_of_what() -> None:
+    assert "the first electrode's threshold had risen by 42%" in said(drift=0.42)
+    assert "fallen by 8%" in said(drift=-0.08)
+
+
+def test_an_exponent_is_said_with_its_interval_and_whether_it_may_be_used() -> None:
+    line = said(exponent=FITTED)
+    assert "k = 0.80 (0.64 to 0.96), explains 90%" in line
+    assert " electrodes in 4 states of the skin" in line
+    assert "3.0-fold, 2025-01-15: may be used with kajimoto-hv507" in line
+    refused = said(exponent=replace(FITTED, low=-0.1))
+    assert "not for this person: k = 0.80" in refused
+    assert "has zero in it" in refused
+    assert "FittedExponent" not in line + refused
+
+
+def test_what_it_feels_like_and_where_stands_beside_its_electrode() -> None:
+    felt = replace(MADE.electrode[1], quality="prickling", place="around")
+    unfelt = replace(MADE.electrode[2], felt=False)
+    rows = table_of(replace(MADE, electrode=(MADE.electrode[0], felt, unfelt)))
+    assert rows[1].endswith("ohm") or rows[1].endswith("not known")
+    assert rows[2].endswith("  prickling  around the electrode")
+    assert rows[3].endswith("  not felt")
+
+
+@pytest.mark.parametrize(("drift", "is_said"), [(0.42, True), (-0.3, True), (0.2, False)])
+def test_a_large_drift_is_repeated_in_the_end(drift: float, is_said: bool) -> None:
+    found = doubts_of(replace(MADE, drift=drift))
+    assert bool(found) == is_said
+    assert all("when it was last asked again, more than 20%" in each for each in found)
+
+
+def test_nothing_is_doubted_without_a_reason() -> None:
+    assert doubts_of(MADE) == []
+
+
+def test_who_is_not_felt_within_its_cap_is_named_with_both_currents() -> None:
+    below = replace(MADE.electrode[2], felt=False, felt_from_ua=9_000)
+    made = replace(MADE, electrode=(*MADE.electrode[:2], below), false_alarm_rate=None)
+    (found,) = doubts_of(made)
+    assert f"electrode 2 (felt from 9000 uA on, its cap is {below.cap_ua} uA)" in found
+    assert table_of(made)[3].endswith("not felt within its cap, felt from 9000 uA on")
