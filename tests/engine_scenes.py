@@ -179,17 +179,19 @@ def calibration(rig: EngineRig, caps_ua: Sequence[int], **changes: Any) -> Calib
     return msgspec.structs.replace(made, **changes)
 
 
-def exponent(k: float) -> FittedExponent:
-    """One that may be used."""
+def exponent(k: float, board: str = "kajimoto-hv507", leak_ohm: int = 66_000) -> FittedExponent:
+    """One that may be used, on this board."""
     return FittedExponent(
         k=k,
         low=k - 0.2 * abs(k),
         high=k + 0.2 * abs(k),
         explained=0.9,
-        electrodes=(0, 1, 2),
+        electrodes=(0, 1, 2, 3),
         states=4,
         fold=3.0,
         date=datetime.date(2025, 1, 15),
+        board=board,
+        leak_ohm=leak_ohm,
     )
 
 

@@ -26,6 +26,7 @@ from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.exponent import FittedExponent
 from etd.pulse.measured import BEND_UA
 
+BOARD = "kajimoto-hv507"
 N, TODAY = 8, datetime.date(2026, 1, 15)
 #: Who adapts while he is asked, and the one that calibrations are judged on.
 ADAPTING = ResponseModel(adaptation=0.6)
@@ -103,7 +104,9 @@ def baseline(skin: StateSkin) -> Calibration:
 
 def begun(skin: StateSkin, seed: int) -> FitProgress:
     electrodes = electrodes_to_ask(baseline(skin))
-    return FitProgress(conditions=CONDITIONS, electrodes=electrodes, seed=seed)
+    return FitProgress(
+        conditions=CONDITIONS, electrodes=electrodes, seed=seed, board=BOARD, leak_ohm=66_000
+    )
 
 
 class Timed(Presenter, Protocol):

@@ -94,7 +94,7 @@ def test_whatever_check_leaves_out_the_other_targets_run() -> None:
 
 @pytest.mark.parametrize(
     "target",
-    ["test", "test-models", "test-pages", "fuzz", "kernel-test", "kernel-mutants"],
+    ["test", "test-models", "test-pages", "fuzz", "mutants", "kernel-test", "kernel-mutants"],
 )
 def test_ci_runs_them_all(target: str) -> None:
     assert re.search(rf"^stage make {target}( |$)", CI, re.MULTILINE)

@@ -86,14 +86,14 @@ class SourceRules:
         return None
 
     def unselected_fault(
-        self, commanded_ua: int, early_v: float, voltage_v: float
+        self, commanded_ua: int, baseline_v: float, early_v: float, voltage_v: float
     ) -> BoardFault | None:
         """What is wrong by the samples of a pulse with no output selected, where one that was
         blanked is as it should be.
         """
         least_v, most_v = self._unloaded_v(commanded_ua)
         if least_v <= voltage_v <= most_v and early_v <= most_v:
-            return None
+            return self.idle_fault(baseline_v, "with no output selected")
         return BoardFault(
             f"node at {commanded_ua} uA with no output selected",
             f"{early_v:.1f} V, then {voltage_v:.1f} V",

@@ -57,6 +57,7 @@ def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--skin", choices=SKINS, action="append", help="still, or lying: it sweats and moves"
     )
+    parser.add_argument("--processes", type=int, default=_AT_ONCE, help="at once")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(given)
     _check_electrodes(parser, args)
@@ -67,7 +68,7 @@ def main() -> int:
     """Exit status 1 if a bound is not held, or a sitting could not be."""
     args = arguments()
     rows, refused = [], 0
-    with ProcessPoolExecutor(_AT_ONCE, initializer=_be_quiet) as pool:
+    with ProcessPoolExecutor(args.processes, initializer=_be_quiet) as pool:
         for job, found in zip(jobs(args), pool.map(sit, jobs(args)), strict=True):
             if isinstance(found, str):
                 refused += 1

@@ -186,10 +186,11 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--method", choices=METHODS, action="append")
     parser.add_argument("--person", choices=PERSONS, action="append")
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="of skins and persons")
+    parser.add_argument("--processes", type=int, default=2, help="at once")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(given)
     rows = []
-    with ProcessPoolExecutor(2) as pool:
+    with ProcessPoolExecutor(args.processes) as pool:
         for method in args.method or METHODS:
             for person in args.person or PERSONS:
                 count = len(args.seeds)

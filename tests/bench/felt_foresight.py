@@ -18,30 +18,15 @@ from math import exp, log
 
 import numpy as np
 
-from bench.felt_person import EXPONENT, Manner, Person
-from bench.felt_play import (
-    ELECTRODES,
-    HEEDED,
-    MINUTES,
-    SCAN_NS,
-    Played,
-    Unsaid,
-    finger_of,
-    frame_ua,
-    play_with,
-    scans,
-    wanted_of,
-)
-from bench.steady_figures import firm_of
-from bench.steady_skin import WIDTH_US
+from bench.felt_known import Known
+from bench.felt_person import Manner, Person
+from bench.felt_play import ELECTRODES, HEEDED, MINUTES, SCAN_NS, Played, play_with
 from etd.stabilize.said import LOWERED_BY, MOST, RISE_A_MINUTE
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
 
 _MINUTE_NS = 60_000_000_000
 _RISE, _MOST, _LOWERED = log(RISE_A_MINUTE), log(MOST), -log(1.0 - LOWERED_BY)
-#: The currents, in times of the frame's, at which the body is asked.
-_TRIED = (0.75, 1.0, 1.2)
 _ROUNDS, _EACH = 60, 24
 
 
@@ -55,71 +40,9 @@ class Course:
     rises: Floats
 
 
-class _Known:
-    """What each electrode of a finger feels at which factor, scan by scan."""
-
-    def __init__(self, kind: BodyKind, seed: int, minutes: float) -> None:
-        finger = finger_of(kind, seed, minutes)
-        frame, self.wanted = frame_ua(finger), wanted_of(finger)
-        over: list[list[list[float]]] = []
-
-        def look(now_ns: int) -> None:
-            finger.body.look_at(now_ns)
-            over.append(
-                [
-                    [
-                        finger.body.times_threshold(electrode, times * frame[electrode], WIDTH_US)
-                        for electrode in range(ELECTRODES)
-                    ]
-                    for times in _TRIED
-                ]
-            )
-
-        kept, _ = scans(finger, Unsaid(), look)
-        self.minutes = minutes
-        self.firm = firm_of(kept)
-        logs = np.log(np.maximum(np.array(over), 1e-6)).transpose(1, 0, 2)
-        # What a body adds between pulses (a neighbor's) is not in what it says of one.
-        with np.errstate(divide="ignore"):
-            found = np.log(kept.felt) / EXPONENT - logs[1, -len(kept.felt) :]
-        is_felt = kept.felt > 0.0
-        self._added = np.array(
-            [
-                np.median(found[is_felt[:, electrode], electrode])
-                if is_felt[:, electrode].any()
-                else 0.0
-                for electrode in range(ELECTRODES)
-            ]
-        )
-        self._at_frame = logs[1]
-        tried = np.log(_TRIED)
-        self._below = (logs[1] - logs[0]) / (tried[1] - tried[0])
-        self._above = (logs[2] - logs[1]) / (tried[2] - tried[1])
-        caps = [float(each.cap_ua) for each in finger.calibration.electrode]
-        self._cap = np.log(np.array(caps) / np.maximum(frame, 1.0))
-        self._is_played = frame > 0.0
-        self.count = len(over)
-
-    def felt(self, factors: Floats, part: slice) -> Floats:
-        """[course, scan, electrode], of logarithms of factors [course, scan]."""
-        by = np.minimum(factors[:, :, None], self._cap)
-        slope = np.where(by < 0.0, self._below[part], self._above[part])
-        over = self._at_frame[part] + self._added + slope * by
-        return np.where((over >= 0.0) & self._is_played, np.exp(EXPONENT * over), 0.0)
-
-    def variations(self, felt: Floats) -> Floats:
-        """Over time, by course: as in `steady_figures`."""
-        firm = self.firm
-        felt = np.where(firm, felt[:, -len(firm) :], np.nan)[:, :, firm.any(axis=0)]
-        mean = np.nanmean(felt, axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            found = np.where(mean > 0.0, np.nanstd(felt, axis=1) / mean, np.nan)
-        return np.asarray(np.nanmean(found, axis=1))
-
-
 def best(kind: BodyKind, seed: int, *, heeds: bool, minutes: float = MINUTES) -> Played:
     """The finger, played with the best course that was found."""
-    course = _searched(_Known(kind, seed, minutes), heeds)
+    course = _searched(Known(kind, seed, minutes), heeds)
     return play_with(kind, seed, "foreseen", Foreseen(course, heeds), minutes)
 
 
@@ -149,7 +72,7 @@ class Foreseen:
         self._since_ns, self._answers = now_ns, number + 1
 
 
-def _searched(known: _Known, heeds: bool) -> Course:
+def _searched(known: Known, heeds: bool) -> Course:
     answers = round(known.minutes) - 1
     random = np.random.default_rng(1)
     begun = _first_courses(answers)
@@ -190,7 +113,7 @@ def _near(course: Course, wide: float, random: np.random.Generator) -> Course:
     return Course(np.where(falls < 0.004, 0.0, falls), np.clip(rises, 0.0, 1.0))
 
 
-def _variations(known: _Known, courses: Course, heeds: bool) -> Floats:
+def _variations(known: Known, courses: Course, heeds: bool) -> Floats:
     count, answers = courses.falls.shape
     times_ns = np.arange(known.count) * SCAN_NS
     ends = [int(np.searchsorted(times_ns, (n + 1) * _MINUTE_NS)) + 1 for n in range(answers)]

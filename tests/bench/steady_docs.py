@@ -48,13 +48,13 @@ def cells(steady_figures: SteadyFigures) -> tuple[str, ...]:
 
 def write(page: Path, found: Sequence[SteadyFigures], held: Sequence[Bound], said: str) -> None:
     """Raises: ValueError, where the marks are not there."""
-    _put(page, _BEGIN, _part(found, held, said), _END)
+    put(page, _BEGIN, _part(found, held, said), _END)
 
 
 def write_harms(page: Path, form: str, made: Sequence[Harm], said: str) -> None:
     """What laws gave and took on all bodies. Raises: ValueError, where the marks are not there."""
     begin, end = HARMS[form]
-    _put(page, begin, _harms_part(made, said), end)
+    put(page, begin, _harms_part(made, said), end)
 
 
 def harm_said(harm: Harm) -> str:
@@ -67,7 +67,8 @@ def harm_said(harm: Harm) -> str:
     )
 
 
-def _put(page: Path, begin: str, part: str, end: str) -> None:
+def put(page: Path, begin: str, part: str, end: str) -> None:
+    """Between two marks. Raises: ValueError, where they are not there."""
     text = page.read_text(encoding="utf-8")
     before, has_begin, rest = text.partition(begin)
     _, has_end, after = rest.partition(end)

@@ -1,18 +1,16 @@
 """`make bench-felt`: what it gives and takes that a person says of the strength, on every body.
 
-Owns: which fingers and persons, what is compared, and the bounds of that. What is felt is modelled:
-nobody is measured. Exit status 1 where a bound is not met. Must not know: how answers are heeded.
-
-A finger has several persons, who err at other times: of ten answers two are wrong, and which two
-they are moves the figure of one person by more than the bound leaves.
+Owns: which fingers and persons are played, and how it is shown. What is felt is modelled: nobody is
+measured. Exit status 1 where a bound is not met. Must not know: how answers are heeded, which bound
+a body has, and why.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
@@ -21,117 +19,19 @@ _TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(_TESTS)]
 
 import msgspec  # noqa: E402
-import numpy as np  # noqa: E402
 from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
 
-from bench import felt_foresight, felt_laws  # noqa: E402
+from bench import felt_docs, felt_laws  # noqa: E402
+from bench.felt_compared import PERSONS, bounds, compared, foreseen, not_asked  # noqa: E402
 from bench.felt_person import Manner  # noqa: E402
-from bench.felt_play import MINUTES, Played, play  # noqa: E402
-from bench.run import Bound  # noqa: E402
+from bench.felt_play import MINUTES  # noqa: E402
+from bench.steady_docs import PAGE  # noqa: E402
 from bench.steady_laws import LAWS  # noqa: E402
 from etd.stabilize.offset_estimate import Answer  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 
 #: Fingers that nothing was tuned on; and the one that the tests play, which everybody looks at.
 SEEDS, LOOKED_AT = (911, 912, 913, 914), (31,)
-PERSONS = 3
-#: Of no answers': the variation over time on every body, and where the drift is common to all.
-MOST_TIMES, MOST_TIMES_COMMON = 1.05, 0.8
-#: The body on which the bound does not hold: the page has the figures, and why.
-NOT_HELD = (BodyKind.SOAKING,)
-COMMON = (BodyKind.ADAPTING, BodyKind.SOAKING)
-
-
-@dataclass(frozen=True)
-class Figures:
-    """Means of several fingers and persons; scans above pain: of all fingers, for one person."""
-
-    variation: float
-    not_felt: float
-    scans_above_pain: float
-    #: The part of the scans that the person would call so.
-    too_strong: float
-    too_weak: float
-
-
-@dataclass(frozen=True)
-class Compared:
-    """Of a body, with answers and without. `worst_times`: of the finger with the most, all its
-    persons together.
-    """
-
-    body: BodyKind
-    said: Figures
-    plain: Figures
-    worst_times: float
-
-    @property
-    def variation_times(self) -> float:
-        return self.said.variation / self.plain.variation
-
-    @property
-    def bound(self) -> float:
-        return MOST_TIMES_COMMON if self.body in COMMON else MOST_TIMES
-
-
-def compared(
-    body: BodyKind,
-    seeds: Sequence[int],
-    manner: Manner,
-    minutes: float = MINUTES,
-    persons: int = PERSONS,
-) -> Compared:
-    plain = [[play(body, seed, None, minutes)] for seed in seeds]
-    said = [
-        [play(body, seed, manner, minutes, number) for number in range(persons)] for seed in seeds
-    ]
-    return _compared(body, said, plain)
-
-
-def foreseen(body: BodyKind, seeds: Sequence[int], *, heeds: bool, minutes: float) -> Compared:
-    """By a course of factors that knows all that is to come, in place of answers."""
-    plain = [[play(body, seed, None, minutes)] for seed in seeds]
-    known = [[felt_foresight.best(body, seed, heeds=heeds, minutes=minutes)] for seed in seeds]
-    return _compared(body, known, plain)
-
-
-def _compared(
-    body: BodyKind, said: Sequence[Sequence[Played]], plain: Sequence[Sequence[Played]]
-) -> Compared:
-    by_finger = [
-        _figures([one]).variation / _figures([other]).variation
-        for one, other in zip(said, plain, strict=True)
-    ]
-    return Compared(body, _figures(said), _figures(plain), max(by_finger))
-
-
-def _figures(fingers: Sequence[Sequence[Played]]) -> Figures:
-    """[finger][person]."""
-    played = [one for persons in fingers for one in persons]
-
-    def mean(values: Sequence[float]) -> float:
-        return float(np.mean(values))
-
-    return Figures(
-        variation=mean([one.figures.over_time for one in played]),
-        not_felt=mean([one.figures.below_threshold for one in played]),
-        scans_above_pain=len(fingers) * mean([one.figures.scans_above_pain for one in played]),
-        too_strong=mean([one.too_strong for one in played]),
-        too_weak=mean([one.too_weak for one in played]),
-    )
-
-
-def bounds(found: Sequence[Compared]) -> list[Bound]:
-    return [
-        Bound(
-            f"{each.body}: variation over time, of nothing said",
-            round(each.variation_times, 3),
-            each.bound,
-            is_met=each.variation_times <= each.bound,
-        )
-        for each in found
-    ]
 
 
 def main() -> int:
@@ -157,6 +57,9 @@ def main() -> int:
         " finger, one person each, and no bounds",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
+    parser.add_argument(
+        "--write-docs", action="store_true", help="write what was found into docs/stabilization.md"
+    )
     args = parser.parse_args()
     manner = Manner(args.right, args.band, args.errs, args.insists)
     if args.law is not None:
@@ -169,23 +72,29 @@ def main() -> int:
             as_json=args.json,
         )
         return 0
+    fingers = f"fingers {', '.join(map(str, args.seeds))}"
     if args.foreseen is None:
-        title = f"with answers (without), modelled: {args.persons} persons each"
+        said = f"{fingers}, {args.persons} persons each, {args.minutes:g} min"
         found = [
             compared(body, args.seeds, manner, args.minutes, args.persons) for body in args.bodies
         ]
     else:
-        title = f"foreseen, {args.foreseen} (without), modelled"
+        said = f"{fingers}, foreseen ({args.foreseen}), {args.minutes:g} min"
         heeds = args.foreseen == "heeding"
         found = [
             foreseen(body, args.seeds, heeds=heeds, minutes=args.minutes) for body in args.bodies
         ]
-    checked = bounds(found)
+    checked, out_of_reach = bounds(found), not_asked(found)
     if args.json:
-        plain = {"bodies": [asdict(each) for each in found]}
+        plain = {"bodies": [asdict(each) for each in found], "not_asked": out_of_reach}
         print(msgspec.json.encode(plain | {"bounds": [asdict(each) for each in checked]}).decode())
     else:
-        _show(Console(), found, f"{title}: fingers {', '.join(map(str, args.seeds))}")
+        console = Console(width=None if sys.stdout.isatty() else 170)
+        console.print(felt_docs.table(found, f"with answers, modelled: {said}"))
+        for line in out_of_reach:
+            console.print(line)
+    if args.write_docs:
+        felt_docs.write(PAGE, found, said, out_of_reach)
     return 0 if all(bound.is_met for bound in checked) else 1
 
 
@@ -205,28 +114,6 @@ def _show_with_law(found: Iterable[felt_laws.WithLaw], *, as_json: bool) -> None
         print(f"  nothing: {plain}")
         print(f"  the law: {alone}")
         print(f"  with answers: {said}", flush=True)
-
-
-def _show(console: Console, found: Sequence[Compared], title: str) -> None:
-    table = Table(title=title)
-    for heading in ("", "variation", "times", "worst", "bound", "not felt", "scans above pain"):
-        table.add_column(heading, justify="right")
-    for heading in ("too strong", "too weak"):
-        table.add_column(heading, justify="right")
-    for each in found:
-        said, plain = each.said, each.plain
-        table.add_row(
-            each.body.value,
-            f"{said.variation:.1%} ({plain.variation:.1%})",
-            f"{'[red]' if each.variation_times > each.bound else ''}{each.variation_times:.2f}",
-            f"{each.worst_times:.2f}",
-            f"{each.bound:g}",
-            f"{said.not_felt:.1%} ({plain.not_felt:.1%})",
-            f"{said.scans_above_pain:.0f} ({plain.scans_above_pain:.0f})",
-            f"{said.too_strong:.0%} ({plain.too_strong:.0%})",
-            f"{said.too_weak:.0%} ({plain.too_weak:.0%})",
-        )
-    console.print(table)
 
 
 if __name__ == "__main__":

@@ -161,7 +161,13 @@ def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
         pulses=5,
         cap_ua=int(MOST_CAP_UA),
     )
-    progress = FitProgress(conditions=conditions, electrodes=electrodes_to_ask(made), seed=seed)
+    progress = FitProgress(
+        conditions=conditions,
+        electrodes=electrodes_to_ask(made),
+        seed=seed,
+        board=loaded.board.name,
+        leak_ohm=loaded.board.source.leak_ohm,
+    )
     fitting, person = Fitting(progress), SimulatedPerson(finger.sense, seed)
     for state in OWN_STATES[: len(STATES)]:
         finger.begin(state)

@@ -27,16 +27,13 @@ from campaign.places import Operation, operation
 from campaign.scene import Over, Scene
 from campaign.scenes import SCENES, config
 
-#: At a time, for each core.
-_COPIES_A_CORE = 1
-
 
 class _Copies:
-    """The processes that are under way."""
+    """The processes that are under way, at most so many."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int) -> None:
         self._pids: set[int] = set()
-        self._most = _COPIES_A_CORE * (os.cpu_count() or 1)
+        self._most = most
 
     def is_copy(self) -> bool:
         """Fork; True in the copy. Waits while there are as many as may be."""
@@ -95,11 +92,13 @@ def play(
     wanted: Callable[[int, Port], Sequence[Kind]],
     results: Path,
     begun: Callable[[int], None] = lambda _: None,
+    *,
+    at_a_time: int = 1,
 ) -> None:
     """Appends an `Outcome` a line to `results` for each kind that is `wanted` of an operation;
     `begun` is called with its number when all of its cases have begun.
     """
-    operations, copies = Operations(), _Copies()
+    operations, copies = Operations(), _Copies(at_a_time)
     copied: list[tuple[Kind, int, Port, int]] = []
     shared = all_shared()
 
@@ -138,6 +137,7 @@ def play(
             kind, number, port, begun_ns = copied[0]
             said = played.said(begun_ns)
             said = said if end is None else replace(said, seen=end)
+            subject.fake.settle()
             found = outcome(
                 *(whole.board, whole.scene, kind, number, port),
                 *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),

@@ -18,6 +18,8 @@ from campaign.results import PC_PER_UC, beyond_pc, is_silent
 FILE = Path(__file__).with_name("bounds.toml")
 #: The scene in which nobody is connected, but a resistor.
 BENCH = "self-test"
+#: The class of drawn pairs.
+PAIR: Final = "two at once"
 GUARDED, RELAYS = "reference-hv507", "feetthrough-relay"
 #: Beyond the programmed pulse, with the guards in hardware: the one-shot's 250 us at 10 mA.
 MOST_UC: Final = 2.5
@@ -64,11 +66,22 @@ def not_met(found: Sequence[Outcome], rows: Mapping[str, Bound]) -> list[str]:
     return [
         f"{one.board}, {one.scene}, operation {one.operation} ({one.port}), {one.kind}: {why}"
         for one in found
-        if (why := _why(one, rows.get(one.fault_class)))
+        if (why := _why(one, rows))
     ]
 
 
-def _why(one: Outcome, row: Bound | None) -> str:
+def _needs(one: Outcome, rows: Mapping[str, Bound]) -> str:
+    """Hardware that its row names; of a pair that of either of the two."""
+    names = [one.fault_class]
+    if one.fault_class == PAIR:
+        # As `run` names them: the class and the variant of each.
+        halves = one.kind.removeprefix(f"{PAIR}: ").split(", then ")
+        names = [half.partition(": ")[0] for half in halves]
+    return "; ".join(rows[name].needs for name in names if name in rows and rows[name].needs)
+
+
+def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
+    row = rows.get(one.fault_class)
     beyond_uc = beyond_pc(one) / PC_PER_UC
     if one.seen.startswith("crashed"):
         return one.seen
@@ -79,6 +92,6 @@ def _why(one: Outcome, row: Bound | None) -> str:
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
     if beyond_uc > (most_uc := row.uc.get(where, 0.0)):
         return f"{beyond_uc:.3f} uC, more than the {most_uc:g} uC of its row"
-    if where == GUARDED and beyond_uc > MOST_UC and not row.needs:
+    if where == GUARDED and beyond_uc > MOST_UC and not _needs(one, rows):
         return f"{beyond_uc:.1f} uC with all guards, and no hardware is named that would bound it"
     return ""

@@ -30,7 +30,7 @@ from rich.table import Table  # noqa: E402
 
 from campaign import docs, forked, results, scenes  # noqa: E402
 from campaign.case import Outcome  # noqa: E402
-from campaign.judge import bounds, not_met  # noqa: E402
+from campaign.judge import PAIR, bounds, not_met  # noqa: E402
 from campaign.kind import Kind  # noqa: E402
 from campaign.kinds import kinds_of  # noqa: E402
 from campaign.operations import Port  # noqa: E402
@@ -40,6 +40,8 @@ from campaign.places import Chosen, Operation, chosen  # noqa: E402
 _LONG, _UNLINKED = ("self-test",), ("self-test", "power-up")
 _BOUNDED_PART = 250
 _EACH = 3
+#: Of the whole; of a part as much less.
+_PAIRS = 100
 
 
 def play(
@@ -70,7 +72,10 @@ def play(
         return [one for one in found if (one.name, number) not in done]
 
     task = progress.add_task(f"{board}, {scene}", total=len(whole.operations))
-    forked.play(whole, wanted, path, lambda number: progress.update(task, completed=number + 1))
+    forked.play(
+        *(whole, wanted, path, lambda number: progress.update(task, completed=number + 1)),
+        at_a_time=args.jobs,
+    )
     return results.kept(path)
 
 
@@ -106,9 +111,7 @@ def _pairs(
         after = dice.randrange(1, 400)
         if kind.may_come_at(operations[number].port):
             both = f"{kind.name}, then {then.name} after {after}"
-            made = replace(
-                kind, fault_class="two at once", variant=both, then=then, then_after=after
-            )
+            made = replace(kind, fault_class=PAIR, variant=both, then=then, then_after=after)
             drawn.setdefault(number, []).append(made)
     return drawn
 
@@ -143,8 +146,13 @@ def main() -> int:
         "--bounded", action="store_true", help=f"as CI does it: --part {_BOUNDED_PART}"
     )
     parser.add_argument("--only", nargs="+", default=(), help="kinds with these words in them")
-    parser.add_argument("--pairs", type=int, default=0, help="so many random pairs in each scene")
+    parser.add_argument(
+        "--pairs", type=int, help=f"so many random pairs in each scene; of the whole {_PAIRS}"
+    )
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="so many cases at a time"
+    )
     parser.add_argument("--folder", type=Path, default=results.KEPT, help="where results are kept")
     parser.add_argument("--kept", action="store_true", help="play nothing: show what is kept")
     parser.add_argument("--json", action="store_true")
@@ -153,10 +161,11 @@ def main() -> int:
     if args.write and args.only:
         parser.error("--write with --only: the page would have a part of the kinds")
     args.part = _BOUNDED_PART if args.bounded else args.part
+    args.pairs = _PAIRS // args.part if args.pairs is None else args.pairs
     errors = Console(stderr=True, width=None if sys.stderr.isatty() else 130)
     found: list[Outcome] = []
     with Progress(console=errors, disable=not sys.stderr.isatty()) as progress:
-        for board, scene in itertools.product(args.boards, args.scenes):
+        for scene, board in itertools.product(args.scenes, args.boards):
             path = results.file_of(board, scene, args.folder)
             found += results.kept(path) if args.kept else play(board, scene, args, progress)
     console = Console(width=None if sys.stdout.isatty() else 150)

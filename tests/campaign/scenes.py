@@ -62,7 +62,10 @@ class _Engine(EngineScript):
         self.ask(OpenLease, **lease_of(limits=_LIMITS))
 
     def arm(self) -> None:
-        """What follows begins at a time that does not depend on how long this took."""
+        """What follows begins at a time that does not depend on how long this took: from one beat
+        on, until another.
+        """
+        self.wait_for_beat()
         self.ask(ArmBoard)
         self.wait_for_beat()
         opened_to(self.rig, CURRENT_UA)
@@ -164,6 +167,7 @@ class _Calibrating(_Engine):
         self.try_wearer_stop()
 
     def play(self) -> None:
+        self.wait_for_beat()
         self.ask(MeasureContact, lease=LEASE)
         self.arm()
         self._present({0: 50}, pulses=None, ttl_ms=60)
@@ -227,8 +231,8 @@ class _Stopping(_Engine):
 
 
 Making = Callable[[LoadedConfig, Operations, Course | None], Scene]
+#: In the order in which they are played: a self-test takes longest, and nobody is connected.
 SCENES: dict[str, Making] = {
-    "self-test": SelftestScene,
     "power-up": _PowerUp,
     "arming": _Arming,
     "frames": _Frames,
@@ -236,4 +240,5 @@ SCENES: dict[str, Making] = {
     "energy law": lambda *given: _Laws("energy", *given),
     "calibration": _Calibrating,
     "stopping": _Stopping,
+    "self-test": SelftestScene,
 }

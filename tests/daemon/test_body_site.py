@@ -169,3 +169,11 @@ def test_a_default_width_above_the_maximum_is_refused(tmp_path: Path) -> None:
     text = spoiled(FINGERTIP, "width_us = 200", "width_us = 90")
     with pytest.raises(FileError, match=r"defaults\.width_us: 100 is above maxima\.width_us"):
         load(tmp_path, text)
+
+
+def test_a_k_of_earlier_days_is_told_where_it_stands_now(tmp_path: Path) -> None:
+    old = FINGERTIP + '\n[stabilize]\norder = ["power_law"]\n[stabilize.power_law]\nk = 1.05\n'
+    with pytest.raises(FileError, match=r"stabilize\.power_law\.k: .*\(etd calibrate CODE --fit\)"):
+        load(tmp_path, old)
+    with pytest.raises(FileError, match=r"stabilize\.power_law: .*unknown field `kk`; remove it"):
+        load(tmp_path, spoiled(old, "k = 1.05", "kk = 1.05"))

@@ -32,6 +32,12 @@ from files_by_hand import CALIBRATION, spoiled, write
 
 pytestmark = pytest.mark.slow
 
+#: With the electrodes to be filled in.
+K = (
+    "exponent = {{ k = 0.7, low = 0.6, high = 0.8, explained = 0.9, electrodes = [{}], states = 5,"
+    ' fold = 3.0, date = 2025-01-15, board = "kajimoto-hv507", leak_ohm = 66000 }}\n'
+)
+
 
 @st.composite
 def limits(draw: st.DrawFn) -> ElectrodeLimits:
@@ -218,6 +224,9 @@ def test_the_least_level_is_at_the_threshold_and_half_of_it_half_way() -> None:
         ('"all"', "[[1], [0], [1, 1]]", r"returns\[2\]: it names \[1, 1\]"),
         ('"all"', "[[-1], [0], [1]]", r"returns\[0\]: it names \[-1\]"),
         ("width_us", "width", "unknown field `width`"),
+        ("program =", K.format("0, 1, 2, 3") + "program =", r"exponent\.electrodes: .* 0 to 2, "),
+        ("program =", K.format("0, 1, 1") + "program =", r"exponent\.electrodes: .* each once"),
+        ("program =", K.format("0, 99") + "program =", r"exponent\.electrodes: .*\[0, 99\]"),
     ],
 )
 def test_a_spoiled_calibration_is_refused_by_electrode_or_key(

@@ -222,3 +222,31 @@ def test_whether_one_lease_can_have_two_calibrations_is_told_before_it_is_opened
     assert "BAD   two calibrations of one lease" in capsys.readouterr().out
     assert run("--together", "--json", anodic, cathodic) == 0
     assert json.loads(capsys.readouterr().out)["together"] == ""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("", "", "k = 0.70 for power_law on kajimoto-hv507 (66000 ohm)"),
+        ("fold = 3.0", "fold = 1.1", "power_law refuses it: k = 0.70 is of a skin whose resistan"),
+        ("0, 1, 2, 3", "0, 1, 2", "power_law refuses it: k = 0.70 is of 3 electrodes"),
+        ("low = 0.6", "low = -0.6", "has zero in it"),
+        (', board = "kajimoto-hv507"', "", "was measured before its board was kept with it"),
+    ],
+)
+def test_whether_a_k_may_be_used_is_told_of_a_calibration(
+    tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    k = (
+        "exponent = { k = 0.7, low = 0.6, high = 0.8, explained = 0.9, electrodes = [0, 1, 2, 3],"
+        ' states = 5, fold = 3.0, date = 2025-01-15, board = "kajimoto-hv507", leak_ohm = 66000 }'
+    )
+    electrode = "    { threshold_ua = 900, comfortable_ua = 1800, cap_ua = 3000 },\n"
+    text = spoiled(CALIBRATION, electrode, electrode * 2)
+    checked = check_file(write(tmp_path, "a.toml", k.replace(old, new) + "\n" + text))
+    assert checked.error is None
+    assert told in checked.summary
+
+
+def test_a_calibration_without_a_k_is_told_to_have_none(tmp_path: Path) -> None:
+    assert check_file(write(tmp_path, "a.toml", CALIBRATION)).summary.endswith("; no k")

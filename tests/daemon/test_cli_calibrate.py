@@ -303,6 +303,11 @@ def test_the_help_fits_80_columns(
         ["P01", "--max-current-ua", "2000", "--answers", "simulated"],
         ["P01", "--max-current-ua", "2000", "--array", "pad-8"],
         ["P01", "--max-current-ua", "2000", "--leave-out", "1-3"],
+        ["P01", "--max-current-ua", "2000", "--electrodes", "1,2,3,4"],
+        ["P01", "--max-current-ua", "2000", "--reference", "1"],
+        ["P01", "--max-current-ua", "2000", "--fit", "--reference", "1"],
+        ["P01", "--max-current-ua", "2000", "--fit", "--skin-celsius", "30"],
+        ["P01", "--max-current-ua", "2000", "--fit", "--ask-sensation"],
     ],
 )
 def test_what_does_not_go_together_is_used_wrongly(
@@ -333,7 +338,18 @@ def test_what_does_not_go_together_is_used_wrongly(
             "the folder is not writable",
         ),
         (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
-        (["P1", "--max-current-ua", "2000", "--reference", "-1"], "--reference: there is no elec"),
+        (
+            [
+                "P1",
+                "--method",
+                "equalize",
+                "--baseline",
+                "fake-fingertip-pad-8",
+                "--reference",
+                "-1",
+            ],
+            "--reference: there is no elec",
+        ),
         (["P1", "--max-current-ua", "2000", "--returns", "ring:5"], '"all" is possible'),
     ],
 )

@@ -155,6 +155,28 @@ def test_a_one_shot_ends_such_a_pulse_by_itself(armed: Armed) -> None:
     assert rig.state == "ARMED"
 
 
+def test_a_current_that_stands_in_skin_of_little_resistance_is_told_by_the_probe_at_no_output(
+    armed: Armed,
+) -> None:
+    """There it lifts the node by less than the charge that skin may hold does; with no output
+    selected, as far as a current into the leak.
+    """
+    rig = armed("kajimoto-hv507")
+    for electrode in range(N):
+        rig.fake.world.touch(electrode, Contact("skin", 2_000.0, 8_000.0, 1_000.0))
+    frame = {"current_ua": (PULSE_UA // 4,) * N, "width_us": 50, "rate_hz": 25.0, "ttl_ms": 1_000}
+    rig.send(**frame)
+    rig.run_ms(500)
+    assert rig.state == "ARMED"
+    begun_ns = rig.clock.now_ns()
+    # Of each message the third word, which is the zero.
+    rig.fake.world.put_in(LostSync(every=3))
+    rig.run_ms(200)
+    assert first_fault(rig) == "BoardFault"
+    # A tenth of a second and the scan under way.
+    assert halts(rig)[0].t_ns - begun_ns <= 145e6
+
+
 @pytest.mark.parametrize("board", ["kajimoto-hv507", "feetthrough-relay"])
 def test_what_a_probe_has_left_in_the_skin_is_no_current(armed: Armed, board: str) -> None:
     """Dry skin: its time constant beside the leak is about that between probe and pulse."""

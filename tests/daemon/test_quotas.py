@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -17,6 +18,7 @@ from etd.files.calibration_folder import (
 from etd.files.resources import find
 from etd.gateway.record_store import RecordStore
 from etd.protocol.errors import Refused
+from etd.protocol.exponent import FittedExponent
 
 CALIBRATION = load_calibration(find("calibrations", "fake-fingertip"))
 
@@ -47,6 +49,44 @@ def test_no_more_than_so_many_are_kept_and_one_that_is_there_can_be_replaced(
     store.put("last", CALIBRATION)
     store.delete("last")
     store.put("one-more", CALIBRATION)
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"gamma": 99.0}, "gamma: it says 99"),
+        ({"false_alarm_rate": math.nan}, "false_alarm_rate: it says nan"),
+        ({"participant": "Anna Smith"}, "participant"),
+        ({"rate_hz": math.inf}, "rate_hz: it says inf"),
+    ],
+)
+def test_what_could_not_be_read_again_is_refused_and_the_one_that_is_there_stays(
+    store: CalibrationFolder, tmp_path: Path, changes: dict[str, object], why: str
+) -> None:
+    """A program may build a calibration whose figures nothing has checked."""
+    path = tmp_path / "calibrations" / "p01.toml"
+    before = path.read_bytes()
+    with pytest.raises(Refused, match=why) as told:
+        store.put("p01", msgspec.structs.replace(CALIBRATION, **changes))
+    assert told.value.code == "bad_calibration"
+    assert path.read_bytes() == before
+    assert load_calibration(path) == CALIBRATION
+
+
+def test_a_k_that_is_not_known_is_kept_with_its_wide_interval(
+    store: CalibrationFolder, tmp_path: Path
+) -> None:
+    wide = FittedExponent(
+        k=1.51, low=-2.54, high=5.57, explained=0.6, electrodes=(0, 1, 2, 3), states=5, fold=2.3,
+        date=CALIBRATION.date, board="kajimoto-hv507", leak_ohm=66_000,
+    )  # fmt: skip
+    made = msgspec.structs.replace(CALIBRATION, exponent=wide)
+    store.put("p01", made)
+    assert load_calibration(tmp_path / "calibrations" / "p01.toml") == made
+    assert wide.why_not is not None
+    endless = msgspec.structs.replace(wide, high=math.inf)
+    with pytest.raises(Refused, match=r"exponent\.high: it says inf"):
+        store.put("p01", msgspec.structs.replace(CALIBRATION, exponent=endless))
 
 
 def test_nor_more_than_so_many_bytes(store: CalibrationFolder, tmp_path: Path) -> None:

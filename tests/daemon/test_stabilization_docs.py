@@ -78,6 +78,33 @@ def test_the_page_recommends_what_the_benchmark_binds() -> None:
     assert said == (", ".join(f"`{law}`" for law in RECOMMENDED) or "none")
 
 
+def test_readme_and_page_open_with_the_worst_of_the_table() -> None:
+    """The most variation that a law left on any body, and the most in times of no law's."""
+    table = TEXT.partition(steady_docs.HARMS["full"][0])[2].partition(steady_docs.HARMS["full"][1])
+    head, _, plain, *laws = re.findall(r"^\| ?(.*?) ?\|$", table[0], re.MULTILINE)
+    without = [percent(cell) for cell in plain.split(" | ")[1:]]
+    found = [
+        (with_law, before)
+        for law in laws
+        for with_law, before in zip(map(percent, law.split(" | ")[1:]), without, strict=True)
+        if with_law is not None and before is not None
+    ]
+    assert len(found) > 5 * head.count(" | ")
+    most = max(found)
+    opening = TEXT.partition("**The worst, first**")[2].partition("**No law is on")[0]
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    for text in (opening, readme.partition("\n## ")[0]):
+        assert f"from {most[1]} to {most[0]} %" in " ".join(text.split())
+    with_law, before = max(found, key=lambda one: one[0] / one[1])
+    assert f"from {before} to {with_law} %" in " ".join(opening.split())
+
+
+def percent(cell: str) -> int | None:
+    """The variation in a cell; None where the law was refused, or not played."""
+    found = re.match(r"\*{0,2}(\d+)%", cell)
+    return None if found is None else int(found[1])
+
+
 def outside_of_marks(
     text: str,
     begin: str = "<!-- written by make bench-finger -->\n",

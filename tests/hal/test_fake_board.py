@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from math import log
+
+import msgspec
 import pytest
 
-from board_hand import MS, PAUSE, Hand, pulse
+from board_hand import MS, PAUSE, Hand, pulse, word
 from etd_body.electrode import load
 from etd_body.minimal import MinimalBody
 from etd_hal.errors import BusError
@@ -15,7 +18,7 @@ from etd_hal.fake.faults import (
 from etd_hal.fake.timeline import Timeline
 from etd_hal.fake.trace import Trace
 from etd_hal.linesetup import line_setup, spi_setup
-from etd_hal.ports import Edge, InputLine, LineSetup, Transfer
+from etd_hal.ports import Edge, InputLine, LineSetup, Message, Transfer
 from stepped_board import shipped_board, stepped_board
 
 ALL_BOARDS = [
@@ -172,6 +175,39 @@ class TestSupply:
         rig = stepped_board("reference-hv507", faults=[RailOff(factor)])
         Hand(rig).supply_on()
         assert rig.fake.world.rail_v() == pytest.approx(300.0 * factor, rel=0.01)
+
+    @pytest.mark.parametrize("current_ua", [100, 400, 4_000])
+    def test_what_the_capacitor_holds_is_all_that_a_current_gets_without_its_supply(
+        self, current_ua: int
+    ) -> None:
+        """272 nF, and the string of resistors beside it."""
+        shipped = shipped_board("reference-hv507")
+        guards = msgspec.structs.replace(shipped.guards, one_shot="absent")
+        board = msgspec.structs.replace(shipped, guards=guards)
+        body = MinimalBody([load(10_000), load(1.0)], leak_ohm=1e9, compliance_v=300)
+        rig = stepped_board(board=board, electrodes=[0, 1], body=body)
+        hand = Hand(rig)
+        hand.supply_on()
+        hand.select(0)
+        code = round(current_ua * 4_095 / board.source.full_scale_ua)
+        hand.spi.transfer(Message((Transfer(word(code)),)))
+        assert guards.hv_enable != "absent"
+        assert guards.rail_monitor != "absent"
+        flowed_pc = body.charge_pc(0)
+        rig.backend.gpio.set(((guards.hv_enable.line, 0),))
+        rig.clock.spend(10_000 * MS)
+        rig.fake.settle()
+        # V(t) = (V0 + I R) exp(-t / RC) - I R, and the current ends with it.
+        tau_s = guards.rail_monitor.fall_ms / 4_000
+        string_ohm = tau_s / 272e-9
+        alone_v = current_ua * 1e-6 * string_ohm
+        expected_uc = current_ua * tau_s * log(1 + 300 / alone_v)
+        got_uc = (body.charge_pc(0) - flowed_pc) / 1e6
+        # The load sees no more than the rail: what the last volts drive is less than the current.
+        assert expected_uc - 272e-3 * current_ua * 0.01 < got_uc < min(1.02 * expected_uc, 82)
+        rig.clock.spend(1_000 * MS)
+        rig.fake.settle()
+        assert (body.charge_pc(0) - flowed_pc) / 1e6 == pytest.approx(got_uc)
 
 
 class TestStopLines:

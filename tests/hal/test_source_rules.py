@@ -68,3 +68,8 @@ def test_a_node_above_zero_before_the_pulse_and_a_source_that_begins_too_strong_
     assert rules.unloaded_fault(90, 0.0, 2 * node_v, node_v) is not None
     standing = rules.unloaded_fault(90, rules.idle_v + 0.1, node_v, node_v)
     assert "at most" in str(standing)
+    assert rules.unselected_fault(90, 0.0, node_v, node_v) is None
+    stands = rules.unselected_fault(90, rules.idle_v + 0.1, node_v, node_v)
+    assert "with no output selected" in str(stands)
+    selected = rules.unselected_fault(90, rules.idle_v + 0.1, node_v / 2, node_v / 2)
+    assert "is still on the source" in str(selected)

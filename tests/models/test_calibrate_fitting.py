@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from bench import fit as bench_fit
 from etd.calibrate.exponent import NoFit
 from etd.calibrate.fitting import (
     STATES,
@@ -25,9 +26,9 @@ from etd.protocol.errors import FileError
 from fit_scenes import ADAPTING, POOR, TODAY, N, StateSkin, ask_all, baseline, begun, found
 
 
-@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 5)], ids=["adapting", "poor"])
+@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 4)], ids=["adapting", "poor"])
 def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, least: int) -> None:
-    """Ten of each here; `make bench-fit` plays 200."""
+    """Ten with one and twenty without here; `make bench-fit` plays 200 of each."""
     chance = random.Random(3)
     right = 0
     for seed in range(10):
@@ -35,7 +36,7 @@ def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, le
         one = found(k, seed, model)
         right += one is not None and one.why_not is None and abs(one.k - k) <= 0.25 * k
     assert right >= least
-    without = [found(0.0, seed, model) for seed in range(10)]
+    without = [found(0.0, seed, model) for seed in range(20)]
     assert sum(one is not None and one.why_not is None for one in without) <= 1
 
 
@@ -118,3 +119,17 @@ def test_a_person_whose_electrodes_need_more_than_the_limit_is_told_so() -> None
     skin.threshold_ua = [1_500.0] * N
     with pytest.raises(NoFit, match=r"of 6 electrodes have a threshold .* raise --max-current-ua"):
         ask_all(skin, begun(skin, 1), 1).fit(TODAY)
+
+
+def test_the_bench_says_no_where_too_few_get_theirs_or_too_many_get_what_they_have_not() -> None:
+    true_k = [0.8] * 20
+    nobody: list[float | None] = [None] * 20
+    got: list[float | None] = [*[0.8 * 1.2] * 18, 0.8 * 1.3, None]
+    said, is_held = bench_fit.judged("adapting", true_k, got, [0.3, *nobody[1:]])
+    assert is_held
+    assert "18 get theirs within 25% (19 get one" in said
+    assert "of 20 without, 1 get one: holds" in said
+    assert not bench_fit.judged("adapting", true_k, [None, *got[1:]], nobody)[1]
+    assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
+    assert bench_fit.judged("poor", true_k, nobody, nobody)[1]
+    assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *nobody[2:]])[1]

@@ -170,6 +170,21 @@ def test_what_does_not_hold_is_said() -> None:
     assert not_met([told(beyond_shared_pc=9_000.0)], {"a gain": silent_there}) == []
 
 
+def test_a_pair_may_pass_what_the_guards_let_through_only_where_one_of_the_two_may() -> None:
+    rows = {
+        "two at once": Bound(uc={GUARDED: 9.0}),
+        "a gain": Bound(uc={GUARDED: 1.0}),
+        "an overshoot": Bound(uc={GUARDED: 1.0}, needs="a limiter"),
+    }
+    for pair, holds in (
+        ("a gain: G(2), then a gain: G(3) after 7", False),
+        ("a gain: G(2), then an overshoot: O(3) after 7", True),
+        ("an overshoot: O(3), then a gain: G(2) after 7", True),
+    ):
+        found = told(kind=f"two at once: {pair}", fault_class="two at once", beyond_alone_pc=2.6e6)
+        assert (not_met([found], rows) == []) is holds
+
+
 def test_a_class_has_its_worst_and_what_nothing_was_said_of() -> None:
     (found,) = figures(
         [

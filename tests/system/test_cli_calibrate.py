@@ -16,12 +16,12 @@ import msgspec
 import pytest
 
 from calibrate_scenes import ROW
-from command_rig import WITHIN_S, Command, CommandRig, command_rig
-from etd.calibrate.order import is_catch
+from command_rig import WITHIN_S, CommandRig, command_rig
 from etd.calibrate.progress import Progress, save_progress
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import ElectrodeLimits
+from terminal_rig import SEED, AtTerminal
 
 pytestmark = pytest.mark.slow
 
@@ -32,51 +32,6 @@ def rig() -> Iterator[CommandRig]:
         yield made
 
 
-class AtTerminal:
-    """A command whose keyboard is a terminal, and whose output is read line by line."""
-
-    def __init__(self, rig: CommandRig, *arguments: str) -> None:
-        self._keys, theirs = pty.openpty()
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "etd", *arguments],
-            stdin=theirs,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            bufsize=0,
-            env=rig.environment,
-            cwd=rig.folder,
-        )
-        os.close(theirs)
-        self.command = Command(self.process)
-        self._trial = 0
-
-    def answer(self, keys: str) -> None:
-        """A key for each question; what is silent is not felt."""
-        for key in keys:
-            while is_catch(SEED, self._trial):
-                self._press("n")
-            self._press(key)
-            if key == "t":
-                self.command.line_with("Too strong: it does not come again", "stdout")
-                os.write(self._keys, b"t")
-
-    def _press(self, key: str) -> None:
-        self.command.line_with("How strong was it", "stdout")
-        os.write(self._keys, key.encode())
-        self._trial += 1
-
-    def press(self, key: bytes) -> None:
-        os.write(self._keys, key)
-
-    def close(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.communicate(timeout=WITHIN_S)
-        os.close(self._keys)
-
-
-#: Of an order that begins with electrode 0.
-SEED = 4
 OF_LIMITS = ("--method", "limits", "--seed", str(SEED))
 ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8",
              *OF_LIMITS)  # fmt: skip

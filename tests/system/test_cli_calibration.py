@@ -115,3 +115,23 @@ def test_a_shipped_calibration_is_listed_with_what_it_holds_for(shared: CommandR
     lines = shared.run("calibration", "list").out
     assert "fake-fingertip-pad-8" in lines
     assert "anodic, 100 us, 60 Hz, caps up to 4000 uA" in lines
+
+
+def test_one_that_cannot_be_read_is_named_and_the_others_are_listed(rig: CommandRig) -> None:
+    folder = rig.folder / "state" / "etd" / "main" / "calibrations"
+    folder.mkdir(parents=True)
+    written(folder, "P02.toml")
+    bad = written(folder, "P01.toml")
+    bad.write_text(bad.read_text().replace("gamma = 1.0", "gamma = 99.0"))
+    with rig.daemon("--array", "pad-8"):
+        told = rig.run("calibration", "list")
+        assert told.status == 1
+        assert "P02 " in told.out
+        assert "fake-fingertip-pad-8" in told.out
+        assert "P01" not in [line.split(" ")[0] for line in told.out.splitlines()]
+        assert "etd: P01 cannot be read: " in told.err
+        assert "gamma: it says 99" in told.err
+        answer = rig.run("calibration", "list", "--json").answer
+        assert list(answer["unreadable"]) == ["P01"]
+        assert "P02" in answer["calibrations"]
+        assert answer["ok"] is False

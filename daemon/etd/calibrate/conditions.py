@@ -115,19 +115,25 @@ def identity(name: str, baseline: Calibration) -> str:
     return f"{name} of {baseline.date.isoformat()} ({digest})"
 
 
-def check_baseline(conditions: Conditions, baseline: Calibration) -> None:
-    """Thresholds depend on person and conditions. Raises: Refused (`bad_calibration`)."""
+def check_baseline(
+    conditions: Conditions,
+    baseline: Calibration,
+    otherwise: str = "start without a baseline, or use its conditions",
+) -> None:
+    """Thresholds depend on person and conditions. `otherwise`: what to do where these differ.
+
+    Raises: Refused (`bad_calibration`).
+    """
     for key in _SAME_AS_BASELINE:
         was, now = getattr(baseline, key), getattr(conditions, key)
         if was != now:
             raise Refused(
                 "bad_calibration",
-                f"the baseline has {key} {was}, this calibration {now}: start without a baseline,"
-                " or use its conditions",
+                f"the baseline has {key} {was}, this calibration {now}: {otherwise}",
             )
     if len(baseline.electrode) != conditions.electrodes:
         raise Refused(
             "bad_calibration",
             f"the baseline has {len(baseline.electrode)} electrodes, this array has"
-            f" {conditions.electrodes}: start without a baseline",
+            f" {conditions.electrodes}: {otherwise}",
         )

@@ -9,8 +9,8 @@ found, how the skin is changed, files.
 slope over the electrodes of one calibration was found in half of the fingers that had none. The
 drift is common to all, since a person adapts while the states follow one another; it can be told
 from the resistance only where that goes both ways. The errors of one state are taken to be alike
-(a person's criterion moves), so the interval is the wider one of two: by all residuals, and by
-states.
+(a person's criterion moves), so the interval is the wider one of two: by all residuals, and by the
+mean residuals of states, of which own, k and drift leave three fewer than there are states.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ import msgspec
 from msgspec import Meta
 
 from etd.protocol.errors import EtdError
-from etd.protocol.exponent import FittedExponent
+from etd.protocol.exponent import LEAST_ELECTRODES, LEAST_FOLD, MOST_SAID, FittedExponent
 
 #: In three states the drift cannot be told from a criterion that moved: 4 to 10 % of modelled
 #: persons without a k got one.
-LEAST_STATES, LEAST_ELECTRODES, LEAST_FOLD = 4, 4, 2.0
+LEAST_STATES = 4
 #: Of the resistance's variation within electrodes, what time must leave.
 _LEAST_APART = 0.2
 _DIGITS = 4
@@ -52,10 +52,13 @@ class NoFit(EtdError):
     """Nothing can be fitted; the message says what to do."""
 
 
-def fitted(asked: Sequence[Asked], date: datetime.date) -> FittedExponent:
-    """k with its 95 % interval. Whether it can be used, it says itself.
+def fitted(
+    asked: Sequence[Asked], date: datetime.date, board: str, leak_ohm: int
+) -> FittedExponent:
+    """k with its 95 % interval, as measured with this board. Whether it can be used, it says
+    itself.
 
-    Raises: NoFit, where states or electrodes are too few, or too alike.
+    Raises: NoFit, where states or electrodes are too few, or too alike, or nothing is known of k.
     """
     electrodes = tuple(sorted({one.electrode for one in asked}))
     states = tuple(sorted({one.state for one in asked}))
@@ -79,6 +82,11 @@ def fitted(asked: Sequence[Asked], date: datetime.date) -> FittedExponent:
     slope = _dot(left, threshold) / spread
     residuals = [now - slope * at for now, at in zip(threshold, left, strict=True)]
     half = _half_interval(asked, len(electrodes), states, left, residuals)
+    if not abs(slope) + half <= MOST_SAID:
+        raise NoFit(
+            f"thresholds went up and down so much that nothing is known of k ({-slope:.3g}, within"
+            f" {half:.3g}): answer by the same feeling in each state"
+        )
     whole = _dot(threshold, threshold)
     explained = max(0.0, 1.0 - _dot(residuals, residuals) / whole) if whole > 0.0 else 0.0
     return FittedExponent(
@@ -90,6 +98,8 @@ def fitted(asked: Sequence[Asked], date: datetime.date) -> FittedExponent:
         states=len(states),
         fold=round(fold, _DIGITS),
         date=date,
+        board=board,
+        leak_ohm=leak_ohm,
     )
 
 
@@ -114,20 +124,20 @@ def _half_interval(
     left: Sequence[float],
     residuals: Sequence[float],
 ) -> float:
-    spread = _dot(left, left)
+    """The errors of one state are alike, so that they count by states: the residuals of all would
+    make much of what was asked six times."""
     free = len(asked) - electrodes - 2
-    by_all = math.sqrt(_dot(residuals, residuals) / free / spread)
-    by_state = [
-        sum(
-            at * rest
-            for one, at, rest in zip(asked, left, residuals, strict=True)
-            if one.state == state
-        )
-        for state in states
-    ]
-    count = len(states)
-    by_states = math.sqrt(_dot(by_state, by_state) * count / (count - 1)) / spread
-    return max(_t(free) * by_all, _t(count - 2) * by_states)
+    by_all = math.sqrt(_dot(residuals, residuals) / free / _dot(left, left))
+    place = {state: at for at, state in enumerate(states)}
+    rests, changes = [0.0] * len(states), [0.0] * len(states)
+    for one, rest, at in zip(asked, residuals, left, strict=True):
+        rests[place[one.state]] += rest / electrodes
+        changes[place[one.state]] += at / electrodes
+    spread, free_states = _dot(changes, changes), len(states) - 3
+    if spread <= 0.0:
+        return math.inf
+    by_states = math.sqrt(_dot(rests, rests) / free_states / spread)
+    return max(_t(free) * by_all, _t(free_states) * by_states)
 
 
 def _t(free: int) -> float:

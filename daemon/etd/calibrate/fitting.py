@@ -21,13 +21,14 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
-from etd.calibrate.exponent import LEAST_ELECTRODES, Asked, NoFit, fitted
+from etd.calibrate.exponent import Asked, NoFit, fitted
 from etd.calibrate.progress import Progress
 from etd.files.atomic_file import write_atomically
 from etd.files.paths import make_own
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
-from etd.protocol.exponent import FittedExponent
+from etd.protocol.exponent import LEAST_ELECTRODES, FittedExponent
+from etd.protocol.frame import ShortText
 from etd.pulse.measured import BEND_UA
 
 #: Of electrodes that are asked without `--electrodes`: with four of them a person without a k got
@@ -35,6 +36,9 @@ from etd.pulse.measured import BEND_UA
 USUAL_ELECTRODES = 6
 #: Above every current.
 MOST_UA = 10_000
+#: Between two states. Use raises thresholds, and in a pause they come down again: up to here a
+#: straight line over time holds for both well enough; the next day the skin is another.
+MOST_PAUSE_S = 3_600.0
 
 
 class SkinState(NamedTuple):
@@ -54,11 +58,15 @@ STATES: Final = (
 
 
 class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """What has been asked so far; complete states only."""
+    """What has been asked so far; complete states only. `board`, `leak_ohm`: what it is asked with.
+    Times are of the wall clock: the file may be continued after the computer was off.
+    """
 
     conditions: Conditions
     electrodes: tuple[Annotated[int, Meta(ge=0)], ...]
     seed: Seed
+    board: ShortText
+    leak_ohm: Annotated[int, Meta(ge=1)]
     #: Of the states that are over.
     states: Annotated[int, Meta(ge=0, le=len(STATES))] = 0
     asked: list[Asked] = []
@@ -150,18 +158,29 @@ class Fitting:
     def fit(self, today: datetime.date) -> FittedExponent:
         """By the electrodes that have a threshold in every state. Raises: NoFit."""
         asked = self._progress.asked
-        count = {one.electrode: 0 for one in asked}
-        for one in asked:
-            count[one.electrode] += 1
-        whole = [one for one in asked if count[one.electrode] == self._progress.states]
-        known = len({one.electrode for one in whole})
-        if known < LEAST_ELECTRODES:
+        known = self._known_in_every_state
+        if len(known) < LEAST_ELECTRODES:
             raise NoFit(
-                f"{known} of {len(self._progress.electrodes)} electrodes have a threshold in every"
-                f" state, and {LEAST_ELECTRODES} are needed: damp skin may need more current, so"
-                " raise --max-current-ua, or choose --electrodes with lower thresholds"
+                f"{len(known)} of {len(self._progress.electrodes)} electrodes have a threshold in"
+                f" every state so far, and {LEAST_ELECTRODES} are needed: damp skin may need more"
+                " current, so raise --max-current-ua, or choose --electrodes with lower thresholds"
             )
-        return fitted(whole, today)
+        whole = [one for one in asked if one.electrode in known]
+        return fitted(whole, today, self._progress.board, self._progress.leak_ohm)
+
+    @property
+    def is_lost(self) -> bool:
+        """Too few electrodes are left for a fit, whatever comes: nobody is asked on in vain."""
+        return len(self._known_in_every_state) < LEAST_ELECTRODES
+
+    @property
+    def _known_in_every_state(self) -> set[int]:
+        asked = self._progress.asked
+        return {
+            electrode
+            for electrode in self._progress.electrodes
+            if sum(one.electrode == electrode for one in asked) == self._progress.states
+        }
 
 
 def electrodes_to_ask(baseline: Calibration, named: Sequence[int] = ()) -> tuple[int, ...]:
@@ -200,6 +219,32 @@ def _spread(felt: Sequence[int]) -> list[int]:
     return [felt[round(place * step)] for place in range(USUAL_ELECTRODES)]
 
 
+def check_pause(progress: FitProgress, now_s: float, file: str) -> None:
+    """Before the next state is asked in. Raises: FileError, where the last one is too long ago, or
+    was later than now.
+    """
+    if not progress.asked or progress.states == len(STATES):
+        return
+    pause_s = now_s - max(one.at_s for one in progress.asked)
+    if 0.0 <= pause_s <= MOST_PAUSE_S:
+        return
+    why = f"the last state was over {_long(pause_s)} ago"
+    if pause_s < 0.0:
+        why = "the clock has been set back since the last state"
+    raise FileError(
+        file,
+        "asked",
+        f"{why}, so that what time does to thresholds cannot be told from what skin does",
+        f"ask all states in one sitting, with pauses of at most {MOST_PAUSE_S / 60:.0f} minutes:"
+        " start again with --restart",
+    )
+
+
+def _long(seconds: float) -> str:
+    minutes = seconds / 60.0
+    return f"{minutes:.0f} minutes" if minutes < 120.0 else f"{minutes / 60.0:.0f} hours"
+
+
 # --- its file ------------------------------------------------------------------------------------
 
 
@@ -223,7 +268,7 @@ def load_fit(path: Path, asked_for: FitProgress, has_seed: bool) -> FitProgress:
         raise FileError(str(path), "", why, "check its permissions") from error
     except msgspec.DecodeError as error:
         raise FileError(str(path), "", f"it is no saved fit ({error})", again) from error
-    for key in ("conditions", "electrodes", *(("seed",) if has_seed else ())):
+    for key in ("conditions", "electrodes", "board", "leak_ohm", *(("seed",) if has_seed else ())):
         if getattr(saved, key) != getattr(asked_for, key):
             raise FileError(str(path), key, "it was begun with others", again)
     expected = {(one.electrode, one.state) for one in saved.asked}

@@ -24,7 +24,7 @@ from etd.cli.calibrate_conditions import COMMAND_LINE
 from etd.cli.calibrate_result import tell_trials
 from etd.cli.calibrate_session import CalibrateSession
 from etd.cli.extras import check_fake
-from etd.cli.fit_session import FitSession
+from etd.cli.fit_session import FitSession, calibrated_first
 from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
@@ -32,7 +32,7 @@ from etd.client import Display
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.paths import check_name
 from etd.protocol.calibration import MOST_SEED, Calibration, Method, SkinCelsius
-from etd.protocol.errors import EtdError, FileError
+from etd.protocol.errors import DaemonGone, EtdError, FileError, Refused
 from etd.protocol.frame import Polarity
 from etd.protocol.messages import HelloReply
 
@@ -213,17 +213,20 @@ def run(args: argparse.Namespace) -> int:
             # A terminal that goes away, among others: no key could be pressed any more.
             display.stop()
             with contextlib.suppress(OSError):
-                said = calibrating.after(Stopped("stop"))
+                said = f"{Stopped('stop')}; {calibrating.kept}"
                 print(f"etd: {said}", file=sys.stderr, flush=True)
                 tell_trials(args, calibrating.trials)
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            said = calibrating.after(stopped)
+            said = f"{stopped}; {calibrating.kept}"
             options.answer_no(args, code, said, trials=calibrating.trials)
             tell_trials(args, calibrating.trials)
             return 1
-        except EtdError:
+        except EtdError as error:
+            if isinstance(error, Refused | DaemonGone):
+                # The lease has lapsed, or the daemon has ended: not what was answered.
+                print(f"etd: {calibrating.kept}", file=sys.stderr, flush=True)
             tell_trials(args, calibrating.trials)
             raise
         return calibrating.settle()
@@ -232,6 +235,10 @@ def run(args: argparse.Namespace) -> int:
 def _check_combinations(args: argparse.Namespace) -> None:
     if args.fit:
         _check_fit(args)
+    elif args.electrodes:
+        args.misused("--electrodes goes with --fit: --leave-out omits electrodes")
+    if args.reference is not None and args.method != "equalize":
+        args.misused("--reference goes with --method equalize")
     if args.method == "equalize":
         if args.baseline is None:
             args.misused("--method equalize needs --baseline: it uses its thresholds and caps")
@@ -255,6 +262,11 @@ def _check_fit(args: argparse.Namespace) -> None:
         )
     if args.method == "equalize":
         args.misused("--fit asks for thresholds: choose another --method")
+    if args.skin_celsius is not None or args.ask_sensation:
+        args.misused(
+            "--fit adds k to a calibration and nothing else: omit --skin-celsius and"
+            " --ask-sensation, which a calibration takes"
+        )
     if args.answers == "simulated":
         args.misused("--fit needs a person whose skin becomes damp and dry: omit --answers")
     if args.baseline is None:
@@ -283,7 +295,8 @@ def _private(
     own = private_daemon("calibrate", loaded, timeout_factor=args.timeout_factor)
     with own as address:
         if args.baseline is not None:
-            lend(address, args.name, args.baseline, lent)
+            with calibrated_first() if args.fit else contextlib.nullcontext():
+                lend(address, args.name, args.baseline, lent)
         yield address
 
 

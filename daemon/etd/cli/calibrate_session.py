@@ -23,7 +23,6 @@ from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.stimulator import NotDelivered, Stimulator
-from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import requested_conditions
@@ -172,16 +171,17 @@ class CalibrateSession:
 
     # --- progress ----------------------------------------------------------------------------
 
-    def after(self, stopped: Stopped) -> str:
+    @property
+    def kept(self) -> str:
         """What is saved, of this run or an earlier one, and how to continue."""
         if self._progress.found:
-            return f"{stopped}; the results are saved: {same_command(self._args)} continues"
+            return f"the results are saved: {same_command(self._args)} continues"
         if self._progress.lowered_ua:
             return (
-                f"{stopped}; no electrode has a result yet; what was too strong is saved:"
+                "no electrode has a result yet; what was too strong is saved:"
                 f" {same_command(self._args)} continues and stays below it"
             )
-        return f"{stopped}; no electrode has a result yet: the same command starts again"
+        return "no electrode has a result yet: the same command starts again"
 
     def _begun(self, conditions: Conditions) -> Progress:
         """The saved progress. Raises: FileError if its conditions differ."""

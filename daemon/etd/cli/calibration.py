@@ -24,7 +24,7 @@ from etd.files.check import check_file
 from etd.files.paths import check_name
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import digest_of
-from etd.protocol.errors import FileError
+from etd.protocol.errors import FileError, Refused
 from etd.protocol.frame import Returns, Ring
 from etd.protocol.text import shown
 
@@ -85,12 +85,24 @@ def _display(args: argparse.Namespace) -> Display:
 
 
 def _list(args: argparse.Namespace) -> int:
+    """One that cannot be read is named, with why; the others are listed all the same."""
+    found, unreadable = {}, {}
     with _display(args) as display:
-        found = {name: display.calibration(name) for name in display.calibrations()}
+        for name in display.calibrations():
+            try:
+                found[name] = display.calibration(name)
+            except Refused as refused:
+                unreadable[name] = refused.reason
+    status = 1 if unreadable else 0
     if args.json:
         about = {name: _conditions(calibration) for name, calibration in found.items()}
-        _print_json({"ok": True, "calibrations": about})
-    elif not found:
+        _print_json({"ok": not unreadable, "calibrations": about, "unreadable": unreadable})
+        return status
+    for name, why in unreadable.items():
+        print(shown(f"etd: {name} cannot be read: {why}"), file=sys.stderr)
+    if unreadable and not found:
+        return status
+    if not found:
         print("the daemon has no calibrations: `etd calibrate` makes one")
     else:
         wide = max(map(len, found))
@@ -100,7 +112,7 @@ def _list(args: argparse.Namespace) -> int:
                 for name, calibration in found.items()
             )
         )
-    return 0
+    return status
 
 
 def _show(args: argparse.Namespace) -> int:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from random import randrange
 
@@ -23,6 +24,7 @@ from etd.calibrate.fitting import (
     FitProgress,
     Fitting,
     SkinState,
+    check_pause,
     electrodes_to_ask,
     load_fit,
     save_fit,
@@ -41,8 +43,15 @@ from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED
+from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
 from etd_hal.compose import wall_time
+
+#: Where conditions are not those of the calibration that k is added to.
+_OTHERWISE = (
+    "--fit adds k to a calibration of this person, array and conditions: calibrate first, or name"
+    " that one (CODE, --baseline) and leave its conditions as they are"
+)
 
 
 class FitSession:
@@ -51,15 +60,20 @@ class FitSession:
     def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
         self._args, self._display, self._which = args, display, which
         self._file = calibrating_file(args.name if args.board is None else "fake", f"{which}-fit")
-        self._baseline = display.calibration(args.baseline)
+        #: Kept for this run: a clock that is set meanwhile does not make a drift.
+        self._wall_offset_ns = clock.wall_offset_ns()
+        with calibrated_first():
+            self._baseline = display.calibration(args.baseline)
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
-        check_baseline(conditions, self._baseline)
+        check_baseline(conditions, self._baseline, _OTHERWISE)
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
                 electrodes=electrodes_to_ask(self._baseline, args.electrodes),
                 seed=randrange(MOST_SEED + 1) if args.seed is None else args.seed,
+                board=display.facts.board.name,
+                leak_ohm=display.facts.board.leak_ohm,
             )
         )
         self._fitting = Fitting(self._progress)
@@ -71,7 +85,7 @@ class FitSession:
 
     def run(self) -> None:
         """Raises: Stopped, Refused, DaemonGone."""
-        if self._fitting.state is None:
+        if self._fitting.state is None or self._fitting.is_lost:
             return
         with ExitStack() as stack:
             stack.callback(self._trials.close)
@@ -86,8 +100,9 @@ class FitSession:
                 stimulator_on(self._display, self._progress.conditions, keys.wants_stop)
             )
             stimulator.open()
-            while (state := self._fitting.state) is not None:
+            while (state := self._fitting.state) is not None and not self._fitting.is_lost:
                 self._wait_for_skin(state, keys)
+                check_pause(self._progress, self._now_s(), str(self._file))
                 self._ask_in(state, stimulator, keys)
 
     def _ask_in(self, state: SkinState, stimulator: Stimulator, keys: Keyboard) -> None:
@@ -102,7 +117,7 @@ class FitSession:
             on_progress=self._lowered,
             on_presented=self._screen.presented,
             on_answered=self._trials.answered,
-            on_threshold=lambda one: self._fitting.threshold_found(one, clock.now_ns() / 1e9),
+            on_threshold=lambda one: self._fitting.threshold_found(one, self._now_s()),
             on_found=lambda _: self._screen.found(),
             fit=(self._fitting.caps_ua, self._fitting.least_ua),
         )
@@ -131,8 +146,9 @@ class FitSession:
         try:
             found = self._fitting.fit(wall_time().date())
         except NoFit as error:
-            options.answer_no(self._args, "unsettled", f"no exponent: {error}", trials=self.trials)
-            self._file.unlink(missing_ok=True)
+            said = f"no exponent: {error}; the answers are kept in {self._file}, and --restart"
+            said = f"{said} asks all states again"
+            options.answer_no(self._args, "unsettled", said, trials=self.trials)
             return 1
         made = msgspec.structs.replace(self._baseline, exponent=found)
         store(self._args, self._display, self._which, made, self._file)
@@ -166,10 +182,15 @@ class FitSession:
         """The file that they are in, if there were any."""
         return self._trials.name
 
-    def after(self, stopped: Stopped) -> str:
+    @property
+    def kept(self) -> str:
         """What is saved, and how to continue."""
         done = self._progress.states
-        return f"{stopped}; states that are over: {done}: {same_command(self._args)} continues"
+        return f"states that are over: {done}: {same_command(self._args)} continues"
+
+    def _now_s(self) -> float:
+        """Of the wall clock."""
+        return (clock.now_ns() + self._wall_offset_ns) / 1e9
 
     # --- on the way --------------------------------------------------------------------------
 
@@ -178,6 +199,7 @@ class FitSession:
         if self._args.restart or not self._file.exists():
             return asked_for
         saved = load_fit(self._file, asked_for, has_seed=self._args.seed is not None)
+        check_pause(saved, self._now_s(), str(self._file))
         print(f"continuing: states that are over: {saved.states}", file=sys.stderr)
         return saved
 
@@ -200,3 +222,18 @@ class FitSession:
 
     def _say(self, line: str) -> None:
         print(line, file=sys.stderr if self._args.json else sys.stdout, flush=True)
+
+
+@contextmanager
+def calibrated_first() -> Iterator[None]:
+    """Raises: Refused, where there is no calibration, with what to do first; and others."""
+    try:
+        yield
+    except Refused as error:
+        if error.code != "not_found":
+            raise
+        raise Refused(
+            error.code,
+            f"{error.reason}; --fit adds k to a calibration: calibrate first (the same command"
+            " without --fit), or name another one with --baseline",
+        ) from error

@@ -191,7 +191,7 @@ def _begin_lease(
         raise Refused("limits_missing", "open with a calibration or with limits")
     if loaded.body_site.stabilize.power_law is not None:
         for exponent in [it.exponent for it in calibrations] or [None]:
-            check_exponent(exponent)
+            check_exponent(exponent, loaded.board.name, loaded.board.source.leak_ohm)
     told = taken(command, calibrations)
     lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns, told)
     lease.renew(host_ns)

@@ -119,7 +119,16 @@ def components_of(
     if stabilizers is None:
         stabilizers = pipeline(loaded.body_site.stabilize, source, reporter.rejected)
     feeling = Feeling(electrodes)
-    adapter = StimulusAdapter(stabilizers, contact, impedance, pressure, reporter, feeling)
+    adapter = StimulusAdapter(
+        stabilizers,
+        contact,
+        impedance,
+        pressure,
+        reporter,
+        feeling,
+        loaded.board.name,
+        source.leak_ohm,
+    )
     firing = Firing(board, ledger, clock, NodeCheck(board).check)
     is_quick = not board.switch.can_choose_returns
     return Components(

@@ -125,5 +125,5 @@ class SourceCheck:
         pulse, given = self._probe(self._part_ua)
         result = self._firing.fire_unselected(pulse, given)
         return self._board.rules.unselected_fault(
-            pulse.commanded_ua, result.early_v, result.voltage_v
+            pulse.commanded_ua, result.baseline_v, result.early_v, result.voltage_v
         )

@@ -46,7 +46,11 @@ class StimulusAdapter:
         pressed: PressureSource,
         reporter: Reporter,
         feeling: Feeling,
+        board: str,
+        leak_ohm: int,
     ) -> None:
+        """`board`, with its leak: a person's k holds for the one that it was measured with."""
+        self._board, self._leak_ohm = board, leak_ohm
         self._stabilizers = tuple(stabilizers)
         #: Which of them answer what is measured of the skin, and so are judged by the person.
         self._is_judged = tuple(
@@ -85,7 +89,9 @@ class StimulusAdapter:
         if calibration is not None and others:
             self._by_phases = {PHASES[it.polarity]: it for it in (calibration, *others)}
         each = () if calibration is None else (calibration, *others)
-        self._exponents = {it.polarity: usable_k(it.exponent) for it in each}
+        self._exponents = {
+            it.polarity: usable_k(it.exponent, self._board, self._leak_ohm) for it in each
+        }
         self._impedance.is_early_wanted = is_early
         self._feeling.lease_begun()
         self.reset()

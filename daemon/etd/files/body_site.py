@@ -109,7 +109,18 @@ def passes_yardstick(site: BodySite) -> bool:
 
 def load_body_site(path: Path) -> BodySite:
     """Read and check a body-site file. Raises: FileError."""
-    return check_body_site(load_toml(path, BodySite), str(path))
+    try:
+        return check_body_site(load_toml(path, BodySite), str(path))
+    except FileError as error:
+        if error.key != "stabilize.power_law" or "`k`" not in error.value:
+            raise
+        raise FileError(
+            error.file,
+            "stabilize.power_law.k",
+            "k stands here no more: it is the person's, not the body site's",
+            "remove it, and measure the person's (etd calibrate CODE --fit): it stands in the"
+            " calibration",
+        ) from error
 
 
 def check_body_site(site: BodySite, file: str) -> BodySite:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import datetime
 import json
+import sys
 from pathlib import Path
 
 import msgspec
 
 from etd.protocol.calibration import Calibration, check_order
 from etd.stabilize.shape import PLAIN
-from etd_hal.tomlfile import load_bytes, load_toml
+from etd_hal.tomlfile import convert, load_bytes, load_toml
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -24,6 +25,17 @@ def load_calibration(path: Path) -> Calibration:
 def calibration_of_bytes(path: Path, data: bytes) -> Calibration:
     """As `load_calibration`, of the bytes that were read from `path`. Raises: FileError."""
     return check_order(load_bytes(path, Calibration, data), str(path))
+
+
+def file_of(calibration: Calibration, name: str) -> bytes:
+    """What is to be written, once it was read back: a program may have made the calibration, and
+    nothing has looked at its figures. Raises: FileError, naming what no file may have.
+    """
+    convert(msgspec.to_builtins(calibration), Calibration, name)
+    data = to_toml(calibration).encode()
+    if sys.version_info >= (3, 11):  # Python reads TOML from there on
+        calibration_of_bytes(Path(name), data)
+    return data
 
 
 def to_toml(calibration: Calibration) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from etd.files import paths
 from etd.files.atomic_file import write_atomically
-from etd.files.calibration import to_toml
+from etd.files.calibration import file_of
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.errors import FileError, Refused
 
@@ -50,7 +50,7 @@ class CalibrationFolder:
         raise Refused("not_found", f"there is no calibration {name!r}; there are: {known}")
 
     def put(self, name: str, calibration: Calibration) -> None:
-        """Store it as `name`, replacing an earlier one.
+        """Store it as `name`, replacing an earlier one, which stays where this one is refused.
 
         Raises: Refused (`bad_calibration`, `not_permitted`).
         """
@@ -59,10 +59,9 @@ class CalibrationFolder:
                 "bad_calibration", f"{name!r} is a shipped calibration: choose another name"
             )
         try:
-            check_order(calibration, name)
+            data = file_of(check_order(calibration, name), name)
         except FileError as error:
             raise Refused("bad_calibration", str(error)) from error
-        data = to_toml(calibration).encode()
         if len(data) > MOST_FILE_BYTES:
             raise Refused(
                 "bad_calibration",

@@ -21,6 +21,7 @@ from etd.files.json_file import read_json
 from etd.files.resources import find
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError
+from etd.protocol.exponent import FittedExponent
 from etd.stabilize.settings import BY_RESISTANCE, Settings
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
@@ -191,9 +192,18 @@ def _calibration(path: Path) -> Answer:
     summary = (
         f"{len(caps_ua)} electrodes of {calibration.array} on the {calibration.body_site},"
         f" {calibration.polarity}, {calibration.width_us} us, caps up to {max(caps_ua, default=0)}"
-        " uA"
+        f" uA; {_k_of(calibration.exponent)}"
     )
     return calibration.participant, summary, ()
+
+
+def _k_of(exponent: FittedExponent | None) -> str:
+    """Of which board it holds the file says itself: which one is here, it does not."""
+    if exponent is None:
+        return "no k"
+    if exponent.why_not is not None:
+        return f"power_law refuses it: {exponent.why_not}"
+    return f"k = {exponent.k:.2f} for power_law on {exponent.board} ({exponent.leak_ohm} ohm)"
 
 
 def _check_count(calibration: Calibration, path: Path) -> None:

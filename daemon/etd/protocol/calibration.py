@@ -227,13 +227,15 @@ def check_shape_of_caps(calibration: Calibration, shape: Shape) -> None:
 
 
 def check_order(calibration: Calibration, file: str) -> Calibration:
-    """Threshold, comfortable and cap must rise, explicit returns must exist, and the resistance
-    must be one that skin can have.
+    """Threshold, comfortable and cap must rise, explicit returns and the electrodes of an exponent
+    must exist, and the resistance must be one that skin can have.
 
     Raises: FileError.
     """
     if isinstance(calibration.returns, tuple):
         _check_returns(calibration.returns, len(calibration.electrode), file)
+    if calibration.exponent is not None:
+        _check_electrodes_of(calibration.exponent, len(calibration.electrode), file)
     for index, limits in enumerate(calibration.electrode):
         if not limits.threshold_ua <= limits.comfortable_ua <= limits.cap_ua:
             raise FileError(
@@ -260,6 +262,17 @@ def check_order(calibration: Calibration, file: str) -> Calibration:
 def resisted_as_skin(limits: ElectrodeLimits) -> bool:
     """Whether the resistance is one that skin can have, or is not known."""
     return limits.resistance_ohm is None or MIN_SKIN_OHM <= limits.resistance_ohm <= MAX_SKIN_OHM
+
+
+def _check_electrodes_of(exponent: FittedExponent, electrodes: int, file: str) -> None:
+    named = exponent.electrodes
+    if len(set(named)) != len(named) or not set(range(electrodes)).issuperset(named):
+        raise FileError(
+            file,
+            "exponent.electrodes",
+            f"it names {list(named)}",
+            f"electrodes of the array, 0 to {electrodes - 1}, each once",
+        )
 
 
 def _check_returns(returns: tuple[tuple[int, ...], ...], electrodes: int, file: str) -> None:

@@ -108,6 +108,13 @@ class FakeBoard:
         with self._lock:
             return question()
 
+    def settle(self) -> None:
+        """Up to now, what goes on by itself: relays on their way, a supply that a current empties.
+        Every call does it first.
+        """
+        with self._lock:
+            self._circuit.settle(self._clock.now_ns())
+
     def release(self) -> None:
         """Release the lines: they keep their levels, and can be requested again."""
         with self._lock:

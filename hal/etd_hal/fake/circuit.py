@@ -105,6 +105,10 @@ class Circuit:
         """The time of the last thing that happened."""
         return self._timeline.now_ns
 
+    def settle(self, t_ns: int) -> None:
+        """What goes on by itself until `t_ns`."""
+        self._path.settle(t_ns)
+
     def request(self, t_ns: int, lines: LineSetup, spi: SpiSetup) -> int:
         """Take the lines, with their initial levels, and open the SPI device.
 

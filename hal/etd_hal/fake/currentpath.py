@@ -27,6 +27,8 @@ from etd_hal.fake.rail import Rail
 from etd_hal.fake.trace import Trace
 
 _CACHED_SELECTIONS = 4_096
+#: While a current flows, the body hears of its rail as often.
+_RAIL_STEP_NS = 500_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,9 @@ class CurrentPath:
         self._sides = sides
         self._settle_switch = settle_switch
         self._compliance_v = -1.0
+        self._drawn_ua = 0.0
+        #: Up to when the body has heard of the rail.
+        self._supplied_ns = 0
         self._cut_at_ns: int | None = None
         self._cut = False
         #: Until then a source with an `Overshoot` makes more.
@@ -131,12 +136,16 @@ class CurrentPath:
         if self._fault_changes != self._faults.changes:
             self._fault_changes = self._faults.changes
             self._drive(t_ns)
+        if self._drawn_ua > 0.0:
+            self._follow_rail(t_ns)
 
     def _drive(self, t_ns: int) -> None:
         self._is_driven = False
         self._follow_rail(t_ns)
         idle = self._cut or self.shorted
-        self._body.drive(t_ns, 0.0 if idle else self._current_ua(), self._sides)
+        self._drawn_ua = 0.0 if idle else self._current_ua()
+        self._rail.load(t_ns, self._drawn_ua)
+        self._body.drive(t_ns, self._drawn_ua, self._sides)
         self._is_driven = True
 
     def _current_ua(self) -> float:
@@ -157,6 +166,12 @@ class CurrentPath:
 
     def _follow_rail(self, t_ns: int) -> None:
         """The source reaches as far as its rail, whatever the board file says of either."""
+        while self._drawn_ua > 0.0 and self._supplied_ns + _RAIL_STEP_NS < t_ns:
+            self._supply(self._supplied_ns + _RAIL_STEP_NS)
+        self._supply(t_ns)
+
+    def _supply(self, t_ns: int) -> None:
+        self._supplied_ns = t_ns
         compliance_v = self._rail.volts(t_ns)
         if compliance_v != self._compliance_v:
             self._body.supply(t_ns, compliance_v)

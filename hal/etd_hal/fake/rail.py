@@ -1,8 +1,10 @@
 """The high-voltage supply: enable line, heartbeat monostable, set-point, and its slow voltage.
 
-Owns: the rail's course in time. Must not know: who reads it.
+Owns: the rail's course in time. Must not know: who reads it, what it drives.
 
-The rail follows its target with one time constant up and another down. A board without an enable
+The rail follows its target with one time constant up and another down. While it falls, its
+capacitor also gives what the source draws: nothing else feeds a current whose supply was taken
+away. A board without an enable
 line has its supply on from the start. A heartbeat that was lost while the supply was enabled is
 latched: the supply comes back only after the enable line was off. A stop that is open breaks the
 supply by its second contact, where the board file does not say that it has none.
@@ -27,7 +29,8 @@ from etd_hal.fake.faults import (
 )
 from etd_hal.fake.faults_due import Faults
 
-#: 272 nF into the 3 M feedback string of the kits' supply, where the file gives no other figure.
+#: The kits' supply: into its feedback string of 3 M, where the file gives no other figure.
+_CAPACITOR_NF = 272
 _FALL_TAU_NS = 820_000_000
 _RISE_TAU_NS = 30_000_000
 #: Time constants within the board file's `rise_ms`, and until `off_v` within `fall_ms`.
@@ -62,6 +65,7 @@ class Rail:
         self._setpoint = 1.0 if self._setpoint_code is None else _LOWEST
         self._faults = faults
         self._t_ns = start_ns
+        self._load_ua = 0.0
         self._volts = self._target_v() if self._enabled else 0.0
 
     @property
@@ -96,6 +100,11 @@ class Rail:
             self._open_stops[name] = t_ns + late_ms * 1_000_000
         else:
             self._open_stops.pop(name, None)
+
+    def load(self, t_ns: int, load_ua: float) -> None:
+        """What the source draws from now on."""
+        self.volts(t_ns)
+        self._load_ua = load_ua
 
     def set_point(self, t_ns: int, code: int) -> None:
         """The set-point's DAC changes; the board file's code makes the nominal rail."""
@@ -137,9 +146,13 @@ class Rail:
         if gap_v > 0 and self._faults.of(RailStays):
             self._t_ns = max(t_ns, self._t_ns)
             return
-        tau_ns = self._rise_tau_ns if gap_v < 0 else self._fall_tau_ns
-        self._volts = target_v + gap_v * exp(-max(0, t_ns - self._t_ns) / tau_ns)
-        if abs(self._volts - target_v) < 0.01:
+        is_falling = gap_v > 0
+        tau_ns = self._fall_tau_ns if is_falling else self._rise_tau_ns
+        # As far below the target as the load would pull a string of this resistance by itself.
+        load_v = self._load_ua * tau_ns / (_CAPACITOR_NF * 1e6) if is_falling else 0.0
+        left = exp(-max(0, t_ns - self._t_ns) / tau_ns)
+        self._volts = target_v + (gap_v + load_v) * left - load_v
+        if abs(self._volts - target_v) < 0.01 or (is_falling and self._volts < target_v):
             self._volts = target_v
         self._t_ns = max(t_ns, self._t_ns)
 

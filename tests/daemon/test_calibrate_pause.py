@@ -1,0 +1,100 @@
+"""A fit that is continued: how long it may have lain, with which board, and when it is lost."""
+
+from __future__ import annotations
+
+import math
+import random
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from etd.calibrate.exponent import Asked, NoFit
+from etd.calibrate.fitting import (
+    MOST_PAUSE_S,
+    STATES,
+    FitProgress,
+    Fitting,
+    check_pause,
+    load_fit,
+    save_fit,
+)
+from etd.protocol.errors import FileError
+from fit_scenes import FALLS, TODAY, StateSkin, begun
+
+#: Of a wall clock.
+THEN_S = 1_790_000_000.0
+
+
+def asked_in(states: int) -> FitProgress:
+    """A fit that is over so far, its thresholds half a minute apart."""
+    progress = begun(StateSkin(0.8, 1), 1)
+    progress.states = states
+    for state in range(states):
+        for place, electrode in enumerate(progress.electrodes):
+            at_s = THEN_S + 400.0 * state + 30.0 * place
+            progress.asked.append(Asked(electrode, state, at_s, 800.0, 50e3 / FALLS[state]))
+    return progress
+
+
+def test_a_pause_is_waited_out_and_the_next_day_is_another_skin() -> None:
+    progress = asked_in(2)
+    last_s = max(one.at_s for one in progress.asked)
+    for pause_s in (0.0, 60.0, MOST_PAUSE_S):
+        check_pause(progress, last_s + pause_s, "P01-fit.json")
+    with pytest.raises(FileError, match=r"asked: the last state was over 61 minutes ago.*restart"):
+        check_pause(progress, last_s + MOST_PAUSE_S + 60.0, "P01-fit.json")
+    with pytest.raises(FileError, match="over 16 hours ago"):
+        check_pause(progress, last_s + 16 * 3_600.0, "P01-fit.json")
+    with pytest.raises(FileError, match="set back since"):
+        check_pause(progress, last_s - 1.0, "P01-fit.json")
+
+
+def test_times_of_before_the_computer_was_started_are_refused() -> None:
+    """They were of a clock that began at its start."""
+    progress = asked_in(2)
+    progress.asked = [
+        msgspec.structs.replace(one, at_s=one.at_s - THEN_S) for one in progress.asked
+    ]
+    with pytest.raises(FileError, match="--restart"):
+        check_pause(progress, THEN_S, "P01-fit.json")
+
+
+def test_before_the_first_state_and_after_the_last_time_does_not_matter() -> None:
+    check_pause(asked_in(0), THEN_S + 1e6, "P01-fit.json")
+    check_pause(asked_in(len(STATES)), THEN_S + 1e6, "P01-fit.json")
+
+
+def test_a_fit_is_continued_with_the_board_that_it_was_begun_with(tmp_path: Path) -> None:
+    path, progress = tmp_path / "fit.json", asked_in(2)
+    save_fit(path, progress)
+    for other in ({"board": "reference-hv507"}, {"leak_ohm": 33_000}):
+        now = msgspec.structs.replace(asked_in(0), **other)
+        with pytest.raises(FileError, match=rf"{next(iter(other))}: it was begun with others"):
+            load_fit(path, now, has_seed=False)
+    assert load_fit(path, asked_in(0), has_seed=False) == progress
+
+
+def test_the_board_goes_into_the_exponent() -> None:
+    progress, chance = asked_in(len(STATES)), random.Random(1)
+    progress.asked = [
+        msgspec.structs.replace(
+            one, threshold_ua=8e5 * math.exp(chance.gauss(0, 0.05)) / one.resistance_ohm
+        )
+        for one in progress.asked
+    ]
+    found = Fitting(progress).fit(TODAY)
+    assert (found.board, found.leak_ohm) == ("kajimoto-hv507", 66_000)
+    assert found.why_not is None
+    assert found.k == pytest.approx(1.0, abs=0.1)
+
+
+def test_where_too_few_electrodes_are_left_nobody_is_asked_in_vain() -> None:
+    progress = asked_in(2)
+    assert not Fitting(progress).is_lost
+    few = progress.electrodes[:3]
+    progress.asked = [one for one in progress.asked if one.state == 0 or one.electrode in few]
+    assert Fitting(progress).is_lost
+    with pytest.raises(NoFit, match=r"3 of 6 electrodes .* every state so far, and 4 are needed"):
+        Fitting(progress).fit(TODAY)
+    assert not Fitting(asked_in(0)).is_lost

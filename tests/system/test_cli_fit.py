@@ -1,0 +1,151 @@
+"""`etd calibrate --fit` as a process: what it adds k to, what is kept, and a lease that lapses."""
+
+from __future__ import annotations
+
+import math
+import random
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from command_rig import CommandRig, command_rig
+from etd.calibrate.conditions import Conditions, identity
+from etd.calibrate.exponent import Asked
+from etd.calibrate.fitting import STATES, FitProgress, electrodes_to_ask, save_fit
+from etd.files import resources
+from etd.files.calibration import load_calibration
+from etd_hal.compose import wall_time
+from terminal_rig import AtTerminal
+
+pytestmark = pytest.mark.slow
+
+BASELINE = "fake-fingertip-pad-8"
+LIMIT = ("--max-current-ua", "2000")
+FIT = ("calibrate", "fake", "--fit", "--baseline", BASELINE, "--as", "K01", *LIMIT)
+ON_FAKE = ("--board", "fake", "--array", "pad-8")
+#: By how much thresholds went up and down between states, of nobody's skin.
+WILD = 1.6
+
+
+@pytest.fixture
+def rig() -> Iterator[CommandRig]:
+    with command_rig() as made:
+        yield made
+
+
+def saved(rig: CommandRig, criterion_sigma: float, states: int = len(STATES)) -> Path:
+    """A fit of K01 that is over so far, of a person whose criterion moves so much."""
+    baseline = load_calibration(resources.find("calibrations", BASELINE))
+    same = set(Conditions.__struct_fields__) & set(type(baseline).__struct_fields__)
+    conditions = Conditions(
+        **{
+            **{key: getattr(baseline, key) for key in same},
+            "method": "staircase",
+            "electrodes": len(baseline.electrode),
+            "pulses": 10,
+            "cap_ua": 2_000,
+            "baseline": identity(BASELINE, baseline),
+        }
+    )
+    chance, asked, electrodes = random.Random(31), [], electrodes_to_ask(baseline)
+    now_s = wall_time().timestamp()
+    for state, ohm in enumerate((46e3, 20e3, 44e3, 21e3, 46e3)[:states]):
+        moved = math.exp(chance.gauss(0.0, criterion_sigma))
+        for place, electrode in enumerate(electrodes):
+            at_s = now_s - 2_000.0 + 400.0 * state + 40.0 * place
+            threshold_ua = max(20.0, min(2_000.0, 600.0 * moved))
+            asked.append(Asked(electrode, state, at_s, threshold_ua, ohm))
+    path = rig.folder / "state" / "etd" / "fake" / "calibrating" / "K01-fit.json"
+    progress = FitProgress(
+        conditions=conditions,
+        electrodes=electrodes,
+        seed=1,
+        board="kajimoto-hv507",
+        leak_ohm=66_000,
+        states=states,
+        asked=asked,
+    )
+    save_fit(path, progress)
+    return path
+
+
+def test_a_k_that_is_known_to_nobody_is_stored_and_can_be_read_again(rig: CommandRig) -> None:
+    """With its interval, so that a refusal can say why."""
+    kept, out = saved(rig, WILD), rig.folder / "K01.toml"
+    told = rig.run(*FIT, *ON_FAKE, "--out", str(out))
+    assert told.status == 0, told.err
+    assert "power_law is not for this person" in told.out
+    made = load_calibration(out)
+    assert made.exponent is not None
+    assert made.exponent.high - made.exponent.low > 10.0
+    assert made.exponent.board == "kajimoto-hv507"
+    assert not kept.exists()
+    checked = rig.run("check", str(out))
+    assert (checked.status, "power_law refuses it: k = " in checked.out) == (0, True)
+
+
+def test_what_was_answered_is_kept_where_nothing_can_be_fitted(rig: CommandRig) -> None:
+    path = saved(rig, 0.05)
+    progress = msgspec.json.decode(path.read_bytes(), type=FitProgress)
+    few = progress.electrodes[:3]
+    progress.asked = [one for one in progress.asked if one.state == 0 or one.electrode in few]
+    save_fit(path, progress)
+    before = path.read_bytes()
+    told = rig.run(*FIT, *ON_FAKE, "--out", str(rig.folder / "K01.toml"))
+    assert told.status == 1
+    assert "3 of 6 electrodes have a threshold in every state" in told.err
+    assert f"the answers are kept in {path}, and --restart asks all states again" in told.err
+    assert path.read_bytes() == before
+    assert not (rig.folder / "K01.toml").exists()
+
+
+def test_a_fit_of_the_day_before_is_not_continued(rig: CommandRig) -> None:
+    path = saved(rig, 0.05, states=2)
+    progress = msgspec.json.decode(path.read_bytes(), type=FitProgress)
+    progress.asked = [
+        msgspec.structs.replace(one, at_s=one.at_s - 86_400) for one in progress.asked
+    ]
+    save_fit(path, progress)
+    told = rig.run(*FIT, *ON_FAKE)
+    assert told.status == 2
+    assert "the last state was over 24 hours ago" in told.err
+    assert "--restart" in told.err
+    assert path.exists()
+
+
+def test_k_is_added_to_a_calibration_and_it_is_said_where_there_is_none(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        for where in ((), ON_FAKE):
+            told = rig.run("calibrate", "P09", "--fit", *LIMIT, *where)
+            assert told.status == 1
+            assert "no calibration 'P09'" in told.err
+            assert "--fit adds k to a calibration: calibrate first" in told.err
+        others = rig.run("calibrate", "P09", "--fit", "--baseline", BASELINE, "--as", "P09", *LIMIT)
+        assert others.status == 1
+        assert "the baseline has participant fake, this calibration P09: --fit adds k" in others.err
+        assert "without a baseline" not in others.err
+
+
+def test_after_a_lease_that_lapsed_it_is_said_what_is_kept(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        at = AtTerminal(rig, *FIT, "--arm")
+        try:
+            assert at.command.line() == "", "each state stands apart"
+            at.command.line_with("Then any key", "stdout")
+            at.process.send_signal(signal.SIGSTOP)
+            waited = rig.run("status", "--json").answer["status"]
+            for _ in range(30):
+                if waited["state"] == "SAFE":
+                    break
+                waited = rig.run("status", "--json").answer["status"]
+            assert (waited["state"], waited["last_disarm"]) == ("SAFE", "lapsed")
+            at.process.send_signal(signal.SIGCONT)
+            at.press(b"n")
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert said.status == 1
+        assert "states that are over: 0: the same command continues" in said.err
