@@ -7,6 +7,7 @@ The words that both share are set by hand, as the other side would set them.
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -238,10 +239,10 @@ def test_that_it_cannot_be_kept_is_found_by_trying(
     lost.liveness.try_note()
     assert lost.words[NOTE_ERROR] == errno.ENOENT
 
-    def fail(_: SupplyNote) -> None:
+    def fail(_: int) -> None:
         raise OSError("of no number")
 
-    monkeypatch.setattr(SupplyNote, "try_to_keep", fail)
+    monkeypatch.setattr(os, "fsync", fail)
     made.liveness.try_note()
     assert made.words[NOTE_ERROR] == errno.EIO
     without = Judged()
