@@ -140,12 +140,13 @@ class _Laws(_Engine):
     def prepare(self) -> None:
         self.power_up()
         rig = self.rig
+        loaded = rig.engine.components.loaded
         made = calibration(
             rig,
             (1_000,) * ELECTRODES,
             width_us=WIDTH_US,
-            exponent=exponent(_K),
-            shape=rig.engine.components.loaded.body_site.stabilize.shape,
+            exponent=exponent(_K, loaded.board.name, loaded.board.source.leak_ohm),
+            shape=loaded.body_site.stabilize.shape,
         )
         self.ask(OpenLease, **lease_of(calibrations=rig.wanted(made)))
         self.try_wearer_stop()
