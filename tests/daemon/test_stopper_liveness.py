@@ -7,6 +7,7 @@ The words that both share are set by hand, as the other side would set them.
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -225,6 +226,36 @@ def test_a_note_that_cannot_be_kept_is_told_with_its_place(tmp_path: Path) -> No
     made.words[NOTE_ERROR] = errno.EROFS
     assert made.liveness.note_problem is not None
     assert f"cannot be noted in {path} (Read-only file system)" in made.liveness.note_problem
+
+
+def test_that_it_cannot_be_kept_is_found_by_trying(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = Judged(SupplyNote(tmp_path / "supply.json"))
+    made.liveness.try_note()
+    assert made.liveness.note_problem is None
+    assert list(tmp_path.iterdir()) == []
+    lost = Judged(SupplyNote(tmp_path / "absent" / "supply.json"))
+    lost.liveness.try_note()
+    assert lost.words[NOTE_ERROR] == errno.ENOENT
+
+    def fail(_: int) -> None:
+        raise OSError("of no number")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    made.liveness.try_note()
+    assert made.words[NOTE_ERROR] == errno.EIO
+    without = Judged()
+    without.liveness.try_note()
+    assert without.liveness.note_problem is None
+
+
+def test_a_note_that_must_not_be_kept_is_told_with_the_reason() -> None:
+    made = Judged()
+    made.liveness.refuse_note("/state: this folder belongs to somebody else")
+    assert made.liveness.note_problem == (
+        "that the supply is on cannot be noted: /state: this folder belongs to somebody else"
+    )
 
 
 def test_without_a_note_of_its_own_it_has_no_place_to_tell() -> None:

@@ -41,6 +41,8 @@ def test_keeping_and_dropping_hold_nothing_open_and_the_note_is_its_owner_s_alon
     for _ in range(3):
         note.keep()
         assert note.path.stat().st_mode & 0o777 == 0o600
+        assert note.left() is not None
+        note.try_to_keep()
         note.drop()
     assert len(os.listdir("/proc/self/fd")) == before
 
