@@ -39,6 +39,8 @@ class Outcome(msgspec.Struct, frozen=True):
     #: stretch of current.
     beyond_alone_pc: float
     beyond_shared_pc: float
+    #: Of one pulse and phase that was asked for.
+    pulse_pc: int
     why: str = ""
 
 
@@ -53,6 +55,7 @@ def outcome(
     begun_ns: int,
     now_ns: int,
     without: Course,
+    pulse_pc: int,
 ) -> Outcome:
     """At the end of a case, whose fault came at `begun_ns` and was marked on the `body`."""
     now = body.account(now_ns)
@@ -79,6 +82,7 @@ def outcome(
             None if allowed is None else allowed.shared_pc,
             now.longest_shared_pc - longest.longest_shared_pc,
         ),
+        pulse_pc,
         said.why,
     )
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 from campaign.case import Outcome
 from campaign.judge import BENCH, GUARDED, RELAYS, Bound, bounds, where_of
-from campaign.results import CLONE, Figures, figures
+from campaign.results import CLONE, PC_PER_UC, Figures, figures
 
 PAGE = CLONE / "docs" / "safety.md"
 _BEGIN, _END = "<!-- written by make campaign -->\n", "<!-- so far -->\n"
@@ -46,7 +46,7 @@ def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -
     )
 
 
-def table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ...]]:
+def _table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ...]]:
     """A row for each class that one of these boards can have."""
     by_board = [
         {one.fault_class: one for one in figures(one for one in found if where_of(one) == board)}
@@ -60,11 +60,19 @@ def table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ..
     ]
 
 
-def tables(found: Sequence[Outcome]) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
-    """Boards, and their rows."""
-    there = {where_of(one) for one in found}
-    shown = [tuple(board for board in boards if board in there) for boards in _TABLES]
-    return [(boards, table(found, boards)) for boards in shown if boards]
+def tables(found: Sequence[Outcome]) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """Titles, and rows: first those with the pulses of most scenes."""
+    made = []
+    for pulse_pc in sorted({one.pulse_pc for one in found}):
+        those = [one for one in found if one.pulse_pc == pulse_pc]
+        there = Counter(where_of(one) for one in those)
+        for boards in _TABLES:
+            if shown := [board for board in boards if board in there]:
+                names = " / ".join(f"`{board}`" for board in shown)
+                cases = sum(there[board] for board in shown)
+                title = f"On {names}, pulses of {pulse_pc / PC_PER_UC:.3f} uC, {cases} cases"
+                made.append((title, _table(those, shown)))
+    return made
 
 
 def _ms(time_ms: float | None) -> str:
@@ -90,9 +98,8 @@ def write(found: Sequence[Outcome], said: str) -> None:
 
 def _part(found: Sequence[Outcome], said: str) -> str:
     lines = ["", *_folded(said)]
-    for boards, rows in tables(found):
-        cases = sum(where_of(one) in boards for one in found)
-        lines += [f"\nOn {' / '.join(f'`{board}`' for board in boards)}, {cases} cases:\n"]
+    for title, rows in tables(found):
+        lines += [f"\n{title}:\n"]
         lines += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
         lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join([*lines, "", ""])

@@ -42,6 +42,9 @@ _BEAT_NS = 300 * MS
 class EngineScript:
     """See the module; a scene is made of it."""
 
+    #: Of a pulse of its frames.
+    current_ua, width_us = CURRENT_UA, WIDTH_US
+
     def __init__(
         self, loaded: LoadedConfig, operations: Operations, course: Course | None = None
     ) -> None:
@@ -52,6 +55,16 @@ class EngineScript:
         self.subject = Subject(fake, clock, body)
         #: Why it did not begin.
         self._refused = ""
+
+    @property
+    def pulse_pc(self) -> int:
+        """Of one phase."""
+        return self.current_ua * self.width_us
+
+    @property
+    def wanted_ua(self) -> tuple[int, ...]:
+        """By electrode, in its frames."""
+        return tuple(self.current_ua if electrode in LIT else 0 for electrode in range(ELECTRODES))
 
     @property
     def rig(self) -> EngineRig:
@@ -110,7 +123,8 @@ class EngineScript:
 
     def send(self, **fields: object) -> None:
         if self.subject.is_client_alive:
-            self.rig.send(**{"current_ua": WANTED_UA, "width_us": WIDTH_US, **fields})
+            asked = {"current_ua": self.wanted_ua, "width_us": self.width_us}
+            self.rig.send(**{**asked, **fields})
 
     def hold(self, duration_ms: float, **fields: object) -> None:
         """The same frame without a gap."""
@@ -133,7 +147,7 @@ class EngineScript:
         if rig is None or rig.state != "HALTED":
             return
         rig.commands.send(ArmBoard(ref=0))
-        rig.send(current_ua=WANTED_UA, width_us=WIDTH_US, rate_hz=40.0, ttl_ms=100)
+        rig.send(current_ua=self.wanted_ua, width_us=self.width_us, rate_hz=40.0, ttl_ms=100)
         rig.run_ms(20)
 
     def after_kill(self) -> None:

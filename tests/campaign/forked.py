@@ -141,6 +141,7 @@ def play(
             found = outcome(
                 *(whole.board, whole.scene, kind, number, port),
                 *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),
+                played.pulse_pc,
             )
             _append(results, found)
             os._exit(0)

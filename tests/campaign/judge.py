@@ -13,6 +13,7 @@ from typing import Final
 import msgspec
 
 from campaign.case import Outcome
+from campaign.engine_script import PULSE_PC
 from campaign.results import PC_PER_UC, beyond_pc, is_silent
 
 FILE = Path(__file__).with_name("bounds.toml")
@@ -39,7 +40,7 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     #: Which hardware bounds it, where no guard of these boards does.
     needs: str = ""
     #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
-    #: gets without the fault.
+    #: gets without the fault, where a pulse has `PULSE_PC`; with stronger ones as much more.
     uc: Mapping[str, float] = {}
 
     def rows_on(self, board: str) -> tuple[str, ...]:
@@ -90,7 +91,8 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
     where = where_of(one)
     if is_silent(one) and where != BENCH and (told_by := row.rows_on(where)):
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
-    if beyond_uc > (most_uc := row.uc.get(where, 0.0)):
+    most_uc = row.uc.get(where, 0.0) * one.pulse_pc / PULSE_PC
+    if beyond_uc > most_uc:
         return f"{beyond_uc:.3f} uC, more than the {most_uc:g} uC of its row"
     if where == GUARDED and beyond_uc > MOST_UC and not _needs(one, rows):
         return f"{beyond_uc:.1f} uC with all guards, and no hardware is named that would bound it"

@@ -24,8 +24,8 @@ KEPT = CLONE / "build" / "campaign"
 #: What makes of outcomes what is shown, and plays none.
 _SHOWN_BY = ("run.py", "docs.py", "results.py", "bounds.py", "judge.py")
 PC_PER_UC = 1e6
-#: A fifth of a pulse: readings of skin tell no less.
-SMALL_PC = 4_000.0
+#: Of a pulse: readings of skin tell no less.
+_SMALL_PART = 0.2
 
 
 @cache
@@ -119,4 +119,4 @@ def is_told(one: Outcome) -> bool:
 
 def is_silent(one: Outcome) -> bool:
     """Nothing was said of it, and an electrode got more than a pulse may differ by."""
-    return one.seen == "nothing" and beyond_pc(one) > SMALL_PC
+    return one.seen == "nothing" and beyond_pc(one) > _SMALL_PART * one.pulse_pc

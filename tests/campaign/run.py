@@ -124,10 +124,10 @@ def _conditions(args: argparse.Namespace) -> str:
 
 
 def show(console: Console, found: Sequence[Outcome]) -> None:
-    for boards, rows in docs.tables(found):
-        table = Table(title=f"{' / '.join(boards)}: what each class of faults let through")
-        for title in docs.COLUMNS:
-            table.add_column(title, justify="left" if title in docs.COLUMNS[:2] else "right")
+    for title, rows in docs.tables(found):
+        table = Table(title=title)
+        for column in docs.COLUMNS:
+            table.add_column(column, justify="left" if column in docs.COLUMNS[:2] else "right")
         for row in rows:
             table.add_row(*row)
         console.print(table)

@@ -30,6 +30,10 @@ class Scene(Protocol):
 
     subject: Subject
 
+    @property
+    def pulse_pc(self) -> int:
+        """Of a pulse and phase that it asks for."""
+
     def prepare(self) -> None:
         """Up to where faults come."""
 

@@ -14,13 +14,11 @@ import msgspec
 
 from campaign.account import Course
 from campaign.engine_script import (
-    CURRENT_UA,
     ELECTRODES,
     LIT,
     LONG_MS,
     SHORT_MS,
     STOPPED_BY,
-    WIDTH_US,
     EngineScript,
     lease_of,
 )
@@ -45,6 +43,7 @@ from etd.stabilize.settings import Settings
 #: Without every guard that a board can have, with all of them, and with relays.
 BOARDS = ("kajimoto-hv507", "reference-hv507", "feetthrough-relay")
 _LIMITS = Limits(max_current_ua=1_000, width_us=100)
+_STRONGEST_LIMITS = Limits(max_current_ua=3_000, width_us=100)
 _K = 0.7
 
 
@@ -55,11 +54,13 @@ def config(board: str) -> LoadedConfig:
 class _Engine(EngineScript):
     """Powered up before faults come, and a frame is held after them."""
 
+    limits = _LIMITS
+
     def prepare(self) -> None:
         self.power_up()
 
     def open(self) -> None:
-        self.ask(OpenLease, **lease_of(limits=_LIMITS))
+        self.ask(OpenLease, **lease_of(limits=self.limits))
 
     def arm(self) -> None:
         """What follows begins at a time that does not depend on how long this took: from one beat
@@ -68,7 +69,7 @@ class _Engine(EngineScript):
         self.wait_for_beat()
         self.ask(ArmBoard)
         self.wait_for_beat()
-        opened_to(self.rig, CURRENT_UA)
+        opened_to(self.rig, self.current_ua)
 
     def armed(self) -> None:
         self.open()
@@ -112,9 +113,17 @@ class _Frames(_Engine):
 
     def play(self) -> None:
         for polarity in ("anodic", "cathodic", "biphasic"):
-            opened_to(self.rig, CURRENT_UA)
+            opened_to(self.rig, self.current_ua)
             self.send(polarity=polarity, rate_hz=40.0, pulses=2, ttl_ms=100)
             self.run_ms(65)
+
+
+class _StrongestFrames(_Frames):
+    """The same with the strongest pulses that the net charge of a site lets stand at this rate:
+    0.192 uC.
+    """
+
+    current_ua, width_us, limits = 2_400, 80, _STRONGEST_LIMITS
 
 
 class _Laws(_Engine):
@@ -144,7 +153,7 @@ class _Laws(_Engine):
         made = calibration(
             rig,
             (1_000,) * ELECTRODES,
-            width_us=WIDTH_US,
+            width_us=self.width_us,
             exponent=exponent(_K, loaded.board.name, loaded.board.source.leak_ohm),
             shape=loaded.body_site.stabilize.shape,
         )
@@ -172,12 +181,12 @@ class _Calibrating(_Engine):
         self.ask(MeasureContact, lease=LEASE)
         self.arm()
         self._present({0: 50}, pulses=None, ttl_ms=60)
-        for electrode, current_ua in ((2, 200), (2, 300), (5, CURRENT_UA)):
+        for electrode, current_ua in ((2, 200), (2, 300), (5, self.current_ua)):
             self._present({electrode: current_ua})
-        self._present(dict.fromkeys(LIT, CURRENT_UA), allow_slower=True)
+        self._present(dict.fromkeys(LIT, self.current_ua), allow_slower=True)
 
     def _present(self, currents_ua: dict[int, int], **options: object) -> None:
-        opened_to(self.rig, CURRENT_UA)
+        opened_to(self.rig, self.current_ua)
         each_ua = tuple(currents_ua.get(electrode, 0) for electrode in range(ELECTRODES))
         shown = {"rate_hz": 60.0, "pulses": 2, "ttl_ms": 100, **options}
         self.send(current_ua=each_ua, **{key: one for key, one in shown.items() if one is not None})
@@ -220,7 +229,7 @@ class _Stopping(_Engine):
 
     def _begin_scan(self) -> None:
         """Stop at once when its first pulse is fired."""
-        opened_to(self.rig, CURRENT_UA)
+        opened_to(self.rig, self.current_ua)
         self.send(rate_hz=40.0, ttl_ms=100)
         self.run_ms(30)
         engine = self.rig.engine
@@ -237,6 +246,7 @@ SCENES: dict[str, Making] = {
     "power-up": _PowerUp,
     "arming": _Arming,
     "frames": _Frames,
+    "strongest frames": _StrongestFrames,
     "laws": lambda *given: _Laws("power_law", *given),
     "energy law": lambda *given: _Laws("energy", *given),
     "calibration": _Calibrating,

@@ -10,6 +10,7 @@ import io
 from dataclasses import replace
 
 from campaign.account import AccountedBody, Course
+from campaign.engine_script import PULSE_PC
 from campaign.operations import Operations
 from campaign.scene import Said
 from campaign.subject import Subject
@@ -33,6 +34,9 @@ MS = 1_000_000
 
 class SelftestScene:
     """All stages, the strong pulses into the load too."""
+
+    #: What counts as much of one is as in the other scenes.
+    pulse_pc = PULSE_PC
 
     def __init__(
         self, loaded: LoadedConfig, operations: Operations, course: Course | None = None

@@ -146,6 +146,7 @@ def told(**changed: Any) -> Outcome:
         "flowed_for_ms": 0.0,
         "beyond_alone_pc": 0.0,
         "beyond_shared_pc": 0.0,
+        "pulse_pc": PULSE_PC,
     }
     return Outcome(**{**facts, **changed})
 
