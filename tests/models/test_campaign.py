@@ -186,6 +186,21 @@ def test_a_pair_may_pass_what_the_guards_let_through_only_where_one_of_the_two_m
         assert (not_met([found], rows) == []) is holds
 
 
+def test_with_stronger_pulses_a_class_may_let_more_through() -> None:
+    rows = {"a gain": Bound(why="drift", uc={"kajimoto-hv507": 0.05})}
+    weak = told(board="kajimoto-hv507", beyond_alone_pc=90_000.0)
+    strong = told(board="kajimoto-hv507", beyond_alone_pc=90_000.0, pulse_pc=2 * PULSE_PC)
+    assert not_met([strong], rows) == []
+    assert "0.090 uC, more than the 0.05 uC" in not_met([weak], rows)[0]
+    assert is_silent(told(beyond_alone_pc=5_000.0))
+    assert not is_silent(told(beyond_alone_pc=5_000.0, pulse_pc=2 * PULSE_PC))
+    pair = [("kajimoto-hv507", PULSE_PC), ("kajimoto-hv507", 2 * PULSE_PC)]
+    titles = [title for title, _ in docs.tables([weak, strong])]
+    assert titles == [
+        f"On `{board}`, pulses of {pulse_pc / 1e6:.3f} uC, 1 cases" for board, pulse_pc in pair
+    ]
+
+
 def test_a_class_has_its_worst_and_what_nothing_was_said_of() -> None:
     (found,) = figures(
         [
