@@ -270,7 +270,12 @@ def test_a_calibration_is_given_back_and_opened_by_name_and_digest() -> None:
         assert got["names"] == ["p01"]
         assert got["calibration"]["electrode"][0]["cap_ua"] == 2500
 
-        told = {"name": "p01", "polarity": "anodic", "digest": digest_of(made)}
+        told = {
+            "name": "p01",
+            "polarity": "anodic",
+            "digest": digest_of(made),
+            "unfelt": [],
+        }
         assert rig.call(op="open", client="a", calibration="p01")["calibrations"] == [told]
         (opened,) = rig.engine.leases
         assert [(it.name, it.digest) for it in opened.calibrations] == [("p01", digest_of(made))]

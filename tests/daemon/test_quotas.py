@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from etd.files.calibration import load_calibration, to_toml
+from etd.files.calibration import load_calibration
 from etd.files.calibration_folder import (
     MOST_CALIBRATIONS,
     MOST_FILE_BYTES,
@@ -19,6 +19,7 @@ from etd.files.resources import find
 from etd.gateway.record_store import RecordStore
 from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
+from etd.protocol.frame import MAX_ELECTRODES
 
 CALIBRATION = load_calibration(find("calibrations", "fake-fingertip"))
 
@@ -108,14 +109,24 @@ def test_what_a_killed_daemon_left_over_counts_in_bytes(
     refused(store)
 
 
-def test_a_file_is_not_larger_than_the_engine_reads(store: CalibrationFolder) -> None:
-    count = 400
-    returns = tuple(tuple(other for other in range(count) if other != own) for own in range(count))
-    electrode = CALIBRATION.electrode[:1] * count
-    large = msgspec.structs.replace(CALIBRATION, electrode=electrode, returns=returns)
-    assert len(to_toml(large)) > MOST_FILE_BYTES
-    with pytest.raises(Refused, match=f"and {MOST_FILE_BYTES} are allowed"):
-        store.put("large", large)
+def test_no_calibration_makes_a_file_that_is_larger_than_the_engine_reads(
+    store: CalibrationFolder,
+) -> None:
+    every = range(MAX_ELECTRODES)
+    returns = tuple(tuple(other for other in every if other != own) for own in every)
+    electrode = msgspec.structs.replace(
+        CALIBRATION.electrode[0],
+        resistance_ohm=1_000_000,
+        date=CALIBRATION.date,
+        threshold_date=CALIBRATION.date,
+        quality="vibration",
+        place="elsewhere",
+    )
+    large = msgspec.structs.replace(
+        CALIBRATION, electrode=(electrode,) * MAX_ELECTRODES, returns=returns
+    )
+    store.put("large", large)
+    assert store.find("large", with_shipped=False).stat().st_size < MOST_FILE_BYTES
 
 
 def test_no_more_than_so_many_records_are_kept_however_short(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from etd.protocol.errors import FileError, Refused
 MOST_CALIBRATIONS = 1_000
 #: Together; one of 256 electrodes takes some ten kilobytes.
 MOST_IN_ALL_BYTES = 32 * 1024 * 1024
-#: One of 256 electrodes with explicit returns, each with all others, has 340 000 bytes.
+#: The largest that the protocol allows has fewer: 256 electrodes that each name all others.
 MOST_FILE_BYTES = 512 * 1024
 
 
@@ -62,12 +62,6 @@ class CalibrationFolder:
             data = file_of(check_order(calibration, name), name)
         except FileError as error:
             raise Refused("bad_calibration", str(error)) from error
-        if len(data) > MOST_FILE_BYTES:
-            raise Refused(
-                "bad_calibration",
-                f"{name!r} would have {len(data)} bytes, and {MOST_FILE_BYTES} are allowed: a"
-                " calibration with returns as a ring has fewer",
-            )
         try:
             paths.make_own(self.own, 0o750)
             self._check_room(f"{name}.toml", len(data))
