@@ -106,6 +106,15 @@ def test_a_full_report_queue_drops_counts_and_loses_no_frame(make_rig: MakeRig) 
     assert scans(rig)[-1].dropped_reports > 5
 
 
+def test_without_a_gateway_no_report_is_lost(make_rig: MakeRig) -> None:
+    rig = make_rig("kajimoto-hv507")
+    rig.commands.close()
+    rig.frames.close()
+    rig.run_ms(3_000)
+    assert not rig.engine.has_gateway
+    assert rig.engine.components.reporter.counters["reports_dropped"] == 0
+
+
 def test_a_streamed_frame_that_is_refused_is_reported_at_once(make_rig: MakeRig) -> None:
     rig = armed(make_rig(electrodes=N))
     rig.frames.send(NewFrame(ref=0, frame=Frame(lease=LEASE, seq=5, current_ua=only(N, e3=9_000))))

@@ -98,7 +98,9 @@ class Poller:
             commands.go_on_opening(self._supervisor, host_ns)
         if self._heartbeat != "absent":
             self.beat(now_ns)
-        if now_ns - self._supervisor.reported_ns >= STATE_PERIOD_NS:
+        # A gateway that attaches is told the state at once; without one nothing is lost.
+        is_due = now_ns - self._supervisor.reported_ns >= STATE_PERIOD_NS
+        if is_due and self._gateway_link.is_attached:
             self._supervisor.report_state(now_ns)
         if self._backend.modelled is not None:
             self._reporter.modelled(self._backend.modelled, now_ns)
