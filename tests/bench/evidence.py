@@ -144,13 +144,14 @@ def page(sections: Mapping[str, str]) -> str:
 
 
 def section(one: Measured) -> str:
+    form = "" if one.command == one.measurement.command else " in its SHORT form"
     met = "its bounds were met" if one.status == 0 else f"exit status {one.status}: NOT met"
     lines = [
         f"## {one.measurement.title}",
         "",
         one.measurement.about,
         "",
-        f"`python {one.command}`: {one.seconds:.0f} s, {met}.",
+        f"`python {one.command}`{form}: {one.seconds:.0f} s, {met}.",
         "",
         *(f"- {what}: {value}" for what, value in machine().items()),
         "",

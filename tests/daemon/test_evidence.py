@@ -36,7 +36,7 @@ def test_a_list_of_objects_is_a_table_and_an_object_a_list() -> None:
 
 def test_what_failed_is_on_the_page_as_that() -> None:
     text = section(Measured(ANY, "run.py --short", 1, 2.0, None, "no engine within 30 s"))
-    assert "`python run.py --short`: 2 s, exit status 1: NOT met." in text
+    assert "`python run.py --short` in its SHORT form: 2 s, exit status 1: NOT met." in text
     assert "no engine within 30 s" in text
 
 
