@@ -76,13 +76,13 @@ class KilledEngines:
         self._note = SupplyNote(folder / f"{board}.json")
         self.lives = Lives()
         #: Of a life that is not cut short: so many operations of the ports.
-        self.whole = self._live(None)
+        self.whole = self.live(None)
 
     def kill_one(self) -> None:
         """An engine's life, to a random operation of it."""
-        self.lives.operations += self._live(self._chance.randrange(self.whole))
+        self.lives.operations += self.live(self._chance.randrange(self.whole))
 
-    def _live(self, killed_at: int | None) -> int:
+    def live(self, killed_at: int | None) -> int:
         operations, lives = Operations(), self.lives
 
         def before(number: int, _: Port) -> Interference | None:

@@ -12,7 +12,8 @@ from etd.engine.returns import Returns
 from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.calibration import Calibration
 from etd.protocol.frame import PHASES, POLARITIES
-from etd.safety.ledger import Bounds, Ledger
+from etd.safety.ledger import Ledger
+from ledger_parts import AMPLE
 from path_readings import SOURCE
 
 pytestmark = pytest.mark.slow
@@ -20,15 +21,6 @@ pytestmark = pytest.mark.slow
 CAPS = st.tuples(*[st.integers(60, 2_500)] * N)
 SETS = st.lists(st.sampled_from(POLARITIES), min_size=2, unique=True).flatmap(
     lambda kinds: st.tuples(*[st.builds(made, st.just(kind), CAPS) for kind in kinds])
-)
-AMPLE = Bounds(
-    interval_us=0,
-    mean_current_ua=10**6,
-    pulses=10**6,
-    on_us=10**9,
-    array_mean_current_ua=10**6,
-    array_on_us=10**9,
-    net_charge_pc=10**12,
 )
 
 

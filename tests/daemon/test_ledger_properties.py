@@ -9,20 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etd.safety.bookings import WINDOW_NS, Entry
-from etd.safety.ledger import Bounds, Ledger
+from etd.safety.ledger import Ledger
+from ledger_parts import bounds
 from plain_records import changed
 
 NOW_NS = 9_000_000_000
 #: 1,000,000 pC a second, and all else ample.
-BOUNDS = Bounds(
-    interval_us=0,
-    mean_current_ua=1,
-    pulses=10**6,
-    on_us=10**9,
-    array_mean_current_ua=10**6,
-    array_on_us=10**9,
-    net_charge_pc=10**12,
-)
+BOUNDS = bounds(mean_current_ua=1)
 ELECTRODES = 4
 visits = st.builds(
     Entry,

@@ -204,13 +204,30 @@ def test_a_user_adds_so_much_to_a_record_and_then_so_much_a_second(tmp_path: Pat
     assert add_all(STARTER) == at_once
 
 
-def test_requests_of_others_fill_no_disk_and_the_holders_are_all_there(rig: GatewayRig) -> None:
-    record(rig, "start", "p01")
+def use_up_an_allowance(rig: GatewayRig) -> None:
+    """By requests without the lease, which are refused."""
     stranger = json.dumps({"op": "frame", "lease": "x", "seq": 1, "level": [0.123456789] * 256})
     sent = 0
     while sent <= 1.3 * MOST_BYTES:
         assert not rig.ask(stranger)["ok"]
         sent += len(stranger)
+
+
+def test_what_was_left_out_is_told_where_the_disk_ends_the_record() -> None:
+    disk = SmallDisk()
+    with GatewayRig(disk=disk) as rig:
+        record(rig, "start", "p01")
+        use_up_an_allowance(rig)
+        disk.left_bytes = RESERVE_BYTES - 1
+        rig.until(lambda: b'"end"' in written_bytes(rig, "p01"))
+        lost, end = map(json.loads, written_bytes(rig, "p01").splitlines()[-2:])
+        assert (lost["kind"], end["why"]) == ("lost", "full")
+        assert lost["requests"] > 0
+
+
+def test_requests_of_others_fill_no_disk_and_the_holders_are_all_there(rig: GatewayRig) -> None:
+    record(rig, "start", "p01")
+    use_up_an_allowance(rig)
     lease = rig.open()
     for seq in range(1, 4):
         assert rig.call(op="frame", lease=lease, seq=seq, current_ua=[100] * 4)["ok"]

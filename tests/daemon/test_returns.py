@@ -5,22 +5,14 @@ from __future__ import annotations
 import pytest
 
 from etd.engine.returns import Returns
-from etd.safety.ledger import Bounds, Ledger
+from etd.safety.ledger import Ledger
 from etd.safety.limits import path_of
 from etd_body.electrode import load
+from ledger_parts import AMPLE
 from path_readings import SOURCE, exact, paths_ohm
 
 N, CAP_UA = 16, 1_000
 START_NS, PROBE_NS = 5_000_000_000, 2_000_000
-AMPLE = Bounds(
-    interval_us=0,
-    mean_current_ua=10**6,
-    pulses=10**6,
-    on_us=10**9,
-    array_mean_current_ua=10**6,
-    array_on_us=10**9,
-    net_charge_pc=10**12,
-)
 PATH = path_of(0, (CAP_UA,) * N, range(1, N))
 
 

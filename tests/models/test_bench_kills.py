@@ -36,6 +36,16 @@ def test_however_an_engine_is_killed_no_more_than_a_pulse_flows_and_it_is_rememb
     assert 0.5 < lives.largest_part <= 1.0, "there was current, and no more than a pulse's"
 
 
+def test_a_kill_beyond_the_last_operation_is_one_at_the_end(tmp_path: Path) -> None:
+    """The stopper's own calls come after it: they are nobody's to kill."""
+    engines = KilledEngines(BOARDS[0], tmp_path, seed=7)
+    lives = range(engines.whole - 40, engines.whole + 1)
+    for killed_at in lives:
+        engines.live(killed_at)
+    assert wrong_lives({BOARDS[0]: engines.lives}) == []
+    assert engines.lives.kills == len(lives)
+
+
 def test_what_is_wrong_in_a_life_is_told(tmp_path: Path) -> None:
     """There is no folder for the note, so nothing is armed."""
     engines = KilledEngines(BOARDS[0], tmp_path / "absent", seed=7)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from etd.apps.panel import Panel, contact_panel, gain_panel, resistance_panel
-from etd.protocol.felt import FeltFacts
+from etd.protocol.felt import HARDLY_ANYTHING, FeltFacts
 from etd.protocol.messages import (
     Contact,
     ContactState,
@@ -29,8 +29,6 @@ _CONTACT: dict[bool | None, ContactState] = {True: "closed", False: "open", None
 _FIRM_KPA = 100.0
 #: The felt strength of full brightness, in thresholds.
 _BRIGHT_FELT = 2.5
-#: A factor that rises by 5 % a minute does not come back from there within an hour.
-_HARDLY = 0.05
 
 
 @dataclass(slots=True)
@@ -214,7 +212,7 @@ def _said(said: FeltFacts, key: str) -> str:
     who looks whether it was enough sees that it can be said again.
     """
     parts = [f"said {_times(said.factors)}"]
-    if min(said.factors) < _HARDLY:
+    if min(said.factors) < HARDLY_ANYTHING:
         parts.append("hardly anything is left, until disarmed")
     if key and said.answer == "too_strong":
         parts.append(f"press {key} again for more")

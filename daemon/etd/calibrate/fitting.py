@@ -170,7 +170,9 @@ class Fitting:
 
     @property
     def is_lost(self) -> bool:
-        """Too few electrodes are left for a fit, whatever comes: nobody is asked on in vain."""
+        """Too few electrodes have a threshold in every state so far: no further state makes a fit
+        of them.
+        """
         return len(self._known_in_every_state) < LEAST_ELECTRODES
 
     @property

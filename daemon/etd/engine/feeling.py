@@ -10,14 +10,11 @@ import math
 from collections.abc import Sequence
 
 from etd.protocol.errors import Refused
-from etd.protocol.felt import FeltFacts
+from etd.protocol.felt import HARDLY_ANYTHING, FeltFacts
 from etd.protocol.link import SayFelt
 from etd.stabilize.law_watch import LAST, LawWatch
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import FeltOffsets
-
-#: What rises by 5 % a minute does not come back from there within an hour.
-_HARDLY = 0.05
 
 
 class Feeling:
@@ -150,7 +147,7 @@ class Feeling:
 
 def _what_to_do(factor: float) -> str:
     """Where nothing was fired; too strong may have left less than a pulse."""
-    if factor < _HARDLY:
+    if factor < HARDLY_ANYTHING:
         return (
             f": too strong has left {factor:.0%} of the current, and only disarming brings it back"
         )

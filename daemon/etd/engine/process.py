@@ -51,8 +51,8 @@ def run_engine(
     `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
     the last self-test's report is kept; `calibrations` reads what leases are opened with (None:
     limits only); `supply_note` is what a crash is known by, and `note_refusal` why there must be
-    none, so that nothing is armed. Returns the exit status: 0, or 1 when
-    the board could not be made safe at the end.
+    none, so that nothing is armed. Returns the exit status: 0, or 1 when the board could not be
+    made safe at the end.
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
     note = None if supply_note is None else SupplyNote(supply_note)

@@ -89,8 +89,8 @@ class StopperLiveness:
         self._refusal = why
 
     def try_note(self) -> None:
-        """Whether it could be kept is known before somebody wants to arm. No trial is left: to the
-        next engine it would be a crash.
+        """At the start, so that `note_problem` is known before the first arming. The trial leaves
+        no note: to the next engine it would be a crash.
         """
         if self._note is None:
             return

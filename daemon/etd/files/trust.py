@@ -87,7 +87,7 @@ def open_unshared(path: Path, laid_out: tuple[Path, ...] = ()) -> int:
         elif found.st_mode & 0o020 and found.st_gid not in (0, os.getegid()) and not is_laid_out:
             why = f"the group {found.st_gid} may write it"
         if why:
-            raise _distrusted(path, f"somebody else could have written this: {why}", how)
+            raise _distrusted(path, f"another user could have written it: {why}", how)
     except BaseException:
         os.close(number)
         raise

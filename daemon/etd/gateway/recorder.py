@@ -133,15 +133,18 @@ class Recorder:
         file = self._file
         if file is None:
             return
-        lost, left_out = file.take_lost(), self._left_out
-        if lost or left_out:
-            file.put(lines.encoded(lines.Lost(t_ns=now_ns, lines=lost, requests=left_out)))
         self._close(file, why, now_ns)
 
     def _close(
         self, file: RecordFile, why: lines.Why, now_ns: int, detail: str | None = None
     ) -> None:
-        """The last line is let past the bound. No turn waits for a disk."""
+        """What was left out is told, then the end: both are let past the bound. No turn waits for a
+        disk.
+        """
+        lost, left_out = file.take_lost(), self._left_out
+        if lost or left_out:
+            told = lines.Lost(t_ns=now_ns, lines=lost, requests=left_out)
+            file.put(lines.encoded(told), is_last=True)
         file.put(lines.encoded(lines.End(t_ns=now_ns, why=why, detail=detail)), is_last=True)
         file.close()
         self._closing, self.closing = file, self.running

@@ -20,6 +20,9 @@ Named = Annotated[
     Meta(min_length=1, max_length=MAX_ELECTRODES),
 ]
 
+#: A factor that rises by 5 % a minute does not come back from below this within an hour.
+HARDLY_ANYTHING = 0.05
+
 
 class FeltFacts(msgspec.Struct, frozen=True, kw_only=True):
     """`answers`: how many since arming. The last one was said at `said_ns`, of these `electrodes`

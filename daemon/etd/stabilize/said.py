@@ -3,11 +3,12 @@
 Owns: the rules below, electrode by electrode. Must not know: limits, laws, clocks, who says it: who
 may raise is decided by the caller. It is a request like any other: the limits come after it.
 
-- *too strong* lowers at once: every electrode, or those that are named. A lone answer about all of
-  them takes little, because it may be an error; one about named electrodes, and one by somebody
-  whom nobody asks (`lower`), takes more. Said again of the same within half a minute it takes four
-  times as much as the time before, at most half. All are one thing to insist on, each electrode is
-  another: what was said of one makes no word about another one a second word.
+- *too strong* lowers at once: every electrode, or those that are named. A single answer of the
+  lease's holder about all electrodes takes little, because it may be an error; one about named
+  electrodes, and one of a button or a program without the lease (`lower`), takes more. Repeated
+  within half a minute it takes four times as much as the time before, at most half. Repetition is
+  counted for each electrode, and once more for all together: an answer about one electrode is no
+  repetition of an answer about another.
 - *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
   minute within the minute that follows, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
@@ -18,7 +19,7 @@ may raise is decided by the caller. It is a request like any other: the limits c
   rise above the frame's own is lost as well.
 - Nothing rises by itself: without an answer a factor stays, or is lost by `reset`.
 
-`lower` takes the word of somebody who may not raise, as a button's: it only ever lowers, the
+`lower` takes the word of a button or of a program without the lease: it only ever lowers, the
 estimate too.
 """
 
@@ -35,8 +36,8 @@ FELT_NS: Final = 60_000_000_000
 #: The most that a factor reaches, and by how much it rises in a minute.
 MOST: Final = 1.2
 RISE_A_MINUTE: Final = 1.05
-#: What *too strong* takes at once: as an answer about all; about named electrodes, or unasked. So
-#: many times as much where it is said again so soon; the most.
+#: What *too strong* takes at once: as an answer of the holder about all; of named electrodes, or
+#: without the lease. So many times as much where it is said again so soon; the most.
 LOWERED_BY: Final = 0.0125
 LOWERED_UNASKED_BY: Final = 0.05
 AGAIN_TIMES: Final = 4.0
@@ -182,7 +183,7 @@ class FeltOffsets:
                 electrode.let_go_to(wanted, now_ns, is_weak=answer == "too_weak")
 
     def lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        """*Too strong*, by anybody, whom nobody asked."""
+        """*Too strong*, by a button or by a program without the lease."""
         self._take(LOWERED_UNASKED_BY, electrodes, now_ns)
 
     def _take(self, first: float, electrodes: Sequence[int] | None, now_ns: int) -> None:

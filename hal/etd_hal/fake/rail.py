@@ -4,10 +4,10 @@ Owns: the rail's course in time. Must not know: who reads it, what it drives.
 
 The rail follows its target with one time constant up and another down. While it falls, its
 capacitor also gives what the source draws: nothing else feeds a current whose supply was taken
-away. A board without an enable
-line has its supply on from the start. A heartbeat that was lost while the supply was enabled is
-latched: the supply comes back only after the enable line was off. A stop that is open breaks the
-supply by its second contact, where the board file does not say that it has none.
+away. A board without an enable line has its supply on from the start. A heartbeat that was lost
+while the supply was enabled is latched: the supply comes back only after the enable line was off. A
+stop that is open breaks the supply by its second contact, where the board file does not say that it
+has none.
 """
 
 from __future__ import annotations
