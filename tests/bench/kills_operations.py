@@ -161,6 +161,9 @@ class KilledEngines:
             rig.stopper.end(cuts=self._has_keeper)
             rig.close_link()
         fake.release()
+        if self._loaded.board.guards.wearer_stop != "absent":
+            # Killed while it was tried: its wearer lets go of it.
+            fake.world.release("wearer_stop")
         clock.spend(_SAFE_AFTER_MS * MS)
         self._make_safe()
         clock.spend(50 * MS)
