@@ -39,6 +39,8 @@ class Measurement:
     command: str
     short: str
     about: str
+    #: Of its figures, what another page shows.
+    left_out: tuple[str, ...] = ()
 
 
 MEASUREMENTS = (
@@ -49,6 +51,7 @@ MEASUREMENTS = (
         "tests/campaign/run.py --json --bounded --boards kajimoto-hv507 reference-hv507",
         "The judge is the body's own account of charge; the table by fault class is in"
         " [safety.md](safety.md#what-each-failure-lets-through).",
+        left_out=("by_class",),
     ),
     Measurement(
         "kills",
@@ -155,9 +158,18 @@ def section(one: Measured) -> str:
         "",
         *(f"- {what}: {value}" for what, value in machine().items()),
         "",
-        *(rendered(one.figures) if one.figures is not None else ["```", one.said, "```"]),
+        *_shown(one),
     ]
     return "\n".join(lines)
+
+
+def _shown(one: Measured) -> list[str]:
+    if one.figures is None:
+        return ["```", one.said, "```"]
+    if not isinstance(one.figures, dict):
+        return rendered(one.figures)
+    left_out = one.measurement.left_out
+    return rendered({key: value for key, value in one.figures.items() if key not in left_out})
 
 
 def kept(text: str) -> dict[str, str]:
@@ -208,7 +220,7 @@ def rendered(figures: Any) -> list[str]:
             if key not in tables
         ]
         for key, rows in tables.items():
-            lines += ["", f"{_words(key)}:", "", *_table(rows)]
+            lines += [*([""] if lines else []), f"{_words(key)}:", "", *_table(rows)]
         return lines
     return _table(figures) if _is_table(figures) else [_cell(figures)]
 

@@ -290,15 +290,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _figures(lives: dict[str, Lives], kills: ProcessKills | None) -> dict[str, Any]:
-    found: dict[str, Any] = {"operations": {name: asdict(each) for name, each in lives.items()}}
+    """Two tables, and what there is to say of the second."""
+    found: dict[str, Any] = {}
+    if lives:
+        found["at_random_operations"] = [
+            {"engine_of": name} | asdict(each) for name, each in lives.items()
+        ]
     if kills is not None:
-        found["process"] = {
-            "with_stopper_ms": spread(kills.with_ms),
-            "etd_safe_alone_ms": spread(kills.without_ms),
-            "held_up_ms": kills.held_up_ms,
-            "halted_before": kills.halted_before,
-            "wrong": kills.wrong,
-        }
+        found["processes_ms_until_safe"] = [
+            {"made_safe_by": "the stopper"} | spread(kills.with_ms),
+            {"made_safe_by": "etd safe alone"} | spread(kills.without_ms),
+        ]
+        found["stopper_held_up_ms"] = kills.held_up_ms
+        found["halted_before_the_kill"] = kills.halted_before
+        found["wrong"] = kills.wrong
     return found
 
 

@@ -85,10 +85,11 @@ def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
     by_class: defaultdict[str, list[Outcome]] = defaultdict(list)
     for one in outcomes:
         by_class[one.fault_class].append(one)
-    return [_figures(name, found) for name, found in by_class.items()]
+    return [figures_of(name, found) for name, found in by_class.items()]
 
 
-def _figures(fault_class: str, found: Sequence[Outcome]) -> Figures:
+def figures_of(fault_class: str, found: Sequence[Outcome]) -> Figures:
+    """Of cases that have one name together: a class, or all."""
     times_ms = sorted(one.flowed_for_ms for one in found if is_told(one))
     silent = [one for one in found if is_silent(one)]
     told = sum(map(is_told, found))

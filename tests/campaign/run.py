@@ -30,7 +30,7 @@ from rich.table import Table  # noqa: E402
 
 from campaign import docs, forked, results, scenes  # noqa: E402
 from campaign.case import Outcome  # noqa: E402
-from campaign.judge import PAIR, bounds, not_met  # noqa: E402
+from campaign.judge import PAIR, bounds, not_met, where_of  # noqa: E402
 from campaign.kind import Kind  # noqa: E402
 from campaign.kinds import kinds_of  # noqa: E402
 from campaign.operations import Port  # noqa: E402
@@ -123,6 +123,24 @@ def _conditions(args: argparse.Namespace) -> str:
     return f"At {where}{part}, with {args.pairs} pairs of faults in each scene on each board."
 
 
+def _as_json(found: Sequence[Outcome]) -> dict[str, list[dict[str, object]]]:
+    """What each table of the page has, all of it in one row, and by class."""
+    those = {
+        where: [one for one in found if (where_of(one), one.pulse_pc) == where]
+        for where in sorted({(where_of(one), one.pulse_pc) for one in found})
+    }
+
+    def row(where: tuple[str, int], figures: results.Figures) -> dict[str, object]:
+        return {"on": where[0], "pulse_uc": where[1] / results.PC_PER_UC} | asdict(figures)
+
+    return {
+        "in_all": [row(where, results.figures_of("all", ones)) for where, ones in those.items()],
+        "by_class": [
+            row(where, one) for where, ones in those.items() for one in results.figures(ones)
+        ],
+    }
+
+
 def show(console: Console, found: Sequence[Outcome]) -> None:
     for title, rows in docs.tables(found):
         table = Table(title=title)
@@ -170,12 +188,7 @@ def main() -> int:
             found += results.kept(path) if args.kept else play(board, scene, args, progress)
     console = Console(width=None if sys.stdout.isatty() else 150)
     if args.json:
-        shown = [
-            {"board": board, **asdict(figure)}
-            for board in args.boards
-            for figure in results.figures(one for one in found if one.board == board)
-        ]
-        print(json.dumps(shown))
+        print(json.dumps(_as_json(found)))
     else:
         show(console, found)
     if args.write:

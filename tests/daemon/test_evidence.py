@@ -34,6 +34,13 @@ def test_a_list_of_objects_is_a_table_and_an_object_a_list() -> None:
     ]
 
 
+def test_what_another_page_shows_is_left_out() -> None:
+    asked = Measurement("one", "One", "run.py", "", "", left_out=("rows",))
+    text = section(Measured(asked, "run.py", 0, 2.0, {"all": 3, "rows": [{"a": 1}]}, ""))
+    assert "- all: 3" in text
+    assert "rows" not in text
+
+
 def test_what_failed_is_on_the_page_as_that() -> None:
     text = section(Measured(ANY, "run.py --short", 1, 2.0, None, "no engine within 30 s"))
     assert "`python run.py --short` in its SHORT form: 2 s, exit status 1: NOT met." in text

@@ -221,7 +221,10 @@ def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path)
     command = [sys.executable, str(RUN), "--bounded", "--pairs", "2", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(done.stdout)
+    said = json.loads(done.stdout)
+    found = said["by_class"]
+    for what in ("cases", "told", "silent"):
+        assert sum(one[what] for one in said["in_all"]) == sum(one[what] for one in found)
     assert (
         sum(one["silent"] for one in found if one["fault_class"] == "a call fails, nothing done")
         == 0
