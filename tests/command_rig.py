@@ -101,6 +101,8 @@ class CommandRig:
             "TMPDIR": str(folder),
         }
         (folder / "run").mkdir()
+        #: The working folder of what is started, below `folder`.
+        self.subfolder = ""
         self._started: list[subprocess.Popen[bytes]] = []
 
     def start(self, *arguments: str, stdin: int = subprocess.DEVNULL) -> Command:
@@ -111,10 +113,15 @@ class CommandRig:
             stderr=subprocess.PIPE,
             bufsize=0,
             env=self.environment,
-            cwd=self.folder,
+            cwd=self._working(),
         )
         self._started.append(process)
         return Command(process)
+
+    def _working(self) -> Path:
+        working = self.folder / self.subfolder
+        working.mkdir(exist_ok=True)
+        return working
 
     def run(self, *arguments: str) -> Said:
         return self.start(*arguments).ended()

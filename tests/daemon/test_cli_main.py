@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,27 @@ def test_ctrl_c_while_a_verb_is_loaded_is_an_end_without_a_traceback(
 
     monkeypatch.setattr("importlib.import_module", interrupted)
     assert cli.main(["demo"]) == cli.INTERRUPTED
+
+
+@pytest.mark.parametrize("entry", ["-m etd", "-c from|etd.__main__|import|main;exit(main())"])
+def test_ctrl_c_while_the_command_itself_is_loaded_is_one_too(tmp_path: Path, entry: str) -> None:
+    """By a module that is interrupted, in the place of one that takes long to load."""
+    for module in ("msgspec", "typing_extensions"):
+        (tmp_path / f"{module}.py").write_text("raise KeyboardInterrupt\n", encoding="utf-8")
+    option, _, program = entry.partition(" ")
+    ended = subprocess.run(
+        [sys.executable, option, program.replace("|", " "), "status"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (cli.INTERRUPTED, b"", b"")
+
+
+def test_the_installed_command_begins_there() -> None:
+    (entry,) = entry_points(group="console_scripts", name="etd")
+    assert entry.value == "etd.__main__:main"
 
 
 @pytest.mark.parametrize("verb", cli.VERBS)

@@ -209,6 +209,9 @@ def test_accounts_outlast_their_lease_until_another_is_opened(make_rig: MakeRig)
     rig.ask(CloseLease, lease=LEASE)
     assert account_of(rig, seq) == account
     assert refused(rig, seq, lease="another").error == "no_lease"
+    never_sent = refused(rig, 77)
+    assert never_sent.error == "no_lease"
+    assert "nothing is known of frame 77" in never_sent.reason
     rig.open()
     assert refused(rig, seq).error == "not_found"
 

@@ -54,8 +54,16 @@ def stops(rig: GatewayRig) -> int:
     return sum(isinstance(command, StopNow) for command in rig.engine.heard)
 
 
+@pytest.mark.parametrize(
+    ("asked", "in_reply"),
+    [
+        (b'{"op": "calibration", "do": "get", "name": "small"}', b'"calibration":{'),
+        (b'{"op": "hello"}', b'"body_site":"'),
+    ],
+    ids=["a file", "the list of them"],
+)
 def test_of_several_slow_requests_one_is_handled_in_a_turn_and_stops_are_before_each(
-    rig: GatewayRig,
+    rig: GatewayRig, asked: bytes, in_reply: bytes
 ) -> None:
     """Written to the sockets themselves: what was written is there with the next look."""
     stored(rig, "small", SMALL)
@@ -64,12 +72,12 @@ def test_of_several_slow_requests_one_is_handled_in_a_turn_and_stops_are_before_
         for client in (asker, stopper):
             poured(client, hello("DEALER"))
         rig.step(3)
-        poured(asker, part(b'{"op": "calibration", "do": "get", "name": "small"}') * 8)
+        poured(asker, part(asked) * 8)
         rig.step()
         poured(stopper, part(b'{"op": "stop"}'))
         rig.step()
         assert stops(rig) == 1
-        answered = asker.recv(1_000_000).count(b'"calibration":{')
+        answered = asker.recv(1_000_000).count(in_reply)
         assert answered == 2, "one in each turn"
 
 

@@ -16,6 +16,7 @@ from etd.cli import status, stop
 from etd.files.calibration import load_calibration
 from etd.files.resources import find
 from etd.gateway.inbound import InboundMessage, Unreadable, read_request
+from etd import DaemonGone, Display, EtdError, PatternError
 from etd.protocol.calibration import Calibration
 from etd.protocol.messages import Halt, StateReport, Stop
 from etd.protocol.text import MOST_SHOWN, shown
@@ -128,3 +129,13 @@ def test_a_stop_is_a_stop_though_its_message_is_no_json(data: bytes) -> None:
 def test_what_only_speaks_of_a_stop_is_none(data: bytes) -> None:
     with pytest.raises(Unreadable):
         read_request(InboundMessage(1, (), 0, data))
+
+
+@pytest.mark.parametrize("acting", ["\x1b[31m", "pi@\x07host", "a\u202eb", "host\x9b31m"])
+def test_an_exception_has_the_escapes_of_what_it_quotes(acting: str) -> None:
+    """Also of an address, a host or a file, in the last line of a traceback."""
+    with pytest.raises(EtdError) as refused:
+        Display(host=acting)
+    for error in (refused.value, DaemonGone(acting, "gone"), PatternError(acting, 3, acting)):
+        assert str(error).isprintable()
+    assert len(str(DaemonGone("x" * 5_000, "gone"))) < 1_100

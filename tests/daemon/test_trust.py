@@ -21,12 +21,13 @@ from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration
 from etd.files.calibration_folder import CalibrationFolder
 from etd.files.resources import find
-from etd.files.trust import make_own, open_unshared
+from etd.files.trust import check_beyond, make_own, open_unshared
 from etd.gateway.config import GatewayConfig
 from etd.gateway.exclusive import NameLock
 from etd.gateway.record_store import RecordStore
 from etd.gateway.server import Gateway
 from etd.protocol.errors import EtdError, FileError, Refused
+from etd.protocol.peer import Peer
 from gateway_rig import HandClock
 
 STRANGER = 65_533
@@ -73,7 +74,7 @@ def test_a_runtime_folder_of_somebody_elses_is_refused_and_nothing_is_written_th
 @needs_root
 def test_a_folder_below_one_of_somebody_elses_is_refused(root: Path) -> None:
     strangers(root / "theirs")
-    with pytest.raises(FileError, match="set XDG_RUNTIME_DIR"):
+    with pytest.raises(FileError, match="with --folder, or with XDG_RUNTIME_DIR"):
         paths.prepare_runtime(root / "theirs" / "run")
     assert list((root / "theirs").iterdir()) == [], "nor is one made there"
 
@@ -112,6 +113,18 @@ def test_a_folder_above_that_everybody_may_write_to_is_refused(root: Path) -> No
     paths.prepare_runtime(root / "open" / "run")
     with pytest.raises(FileError, match="choose a folder of your own in it"):
         paths.prepare_runtime(root / "open")
+
+
+@pytest.mark.parametrize("folder", ["/dev/null/x", "/dev/null", "/etc/passwd", "/etc/passwd/x"])
+def test_what_is_no_folder_is_told_and_no_rights_of_it_are_to_be_changed(folder: str) -> None:
+    """Whoever followed `chmod o-w /dev/null` as root would break the machine."""
+    with pytest.raises(FileError, match="this is no folder; name a folder") as caught:
+        paths.prepare_runtime(Path(folder))
+    assert "chmod" not in str(caught.value)
+    assert "XDG" not in str(caught.value)
+    with pytest.raises(FileError, match="this is no folder") as caught:
+        check_beyond(Path(folder), Peer(STRANGER, (STRANGER,)))
+    assert "chmod" not in str(caught.value)
 
 
 @needs_root

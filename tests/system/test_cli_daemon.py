@@ -88,6 +88,54 @@ def test_stop_halts_until_it_is_cleared(shared: CommandRig) -> None:
     assert shared.run("clear", "--json").answer["error"] == "wrong_state"
 
 
+def test_the_verbs_reach_a_daemon_by_its_folder(rig: CommandRig) -> None:
+    """From another working folder, too: what it names is a whole path."""
+    folder = rig.folder / "its own"
+    with rig.daemon("--array", "pad-8", "--folder", "its own") as running:
+        assert running.line() == f"to stop it: etd stop --folder '{folder}'"
+        nowhere = rig.run("stop")
+        assert nowhere.status == 3
+        assert "`etd stop --folder DIR`" in nowhere.err
+        rig.subfolder = "elsewhere"
+        for verb in ("measure", "calibration list", "record list", "monitor --seconds 0.2"):
+            told = rig.run(*verb.split(), "--folder", str(folder))
+            assert told.status == 0, (verb, told.err)
+        for verb, error in (
+            ("arm", "no_lease"),
+            ("clear", "wrong_state"),
+            ("note x", "no_record"),
+            ("disarm --lease x", "no_lease"),
+        ):
+            told = rig.run(*verb.split(), "--json", "--folder", str(folder))
+            assert (told.status, told.answer["error"]) == (1, error), verb
+        exported = rig.folder / "c.toml"
+        for verb in (
+            f"calibration export fake-fingertip-pad-8 --out {exported}",
+            f"calibration import {exported} --as p01",
+        ):
+            told = rig.run(*verb.split(), "--folder", str(folder))
+            assert told.status == 0, (verb, told.err)
+        assert (folder / "state" / "calibrations" / "p01.toml").is_file()
+        stopped = rig.run("stop", "--folder", str(folder))
+        assert (stopped.status, stopped.err) == (0, "")
+        assert stopped.out.startswith(f"{folder}: silent, HALTED")
+        status = rig.run("status", "--json", "--folder", str(folder)).answer["status"]
+        assert status["state"] == "HALTED"
+        assert rig.run("clear", "--folder", str(folder)).status == 0
+
+
+def test_a_folder_without_a_daemon_is_told_with_what_ends_it(rig: CommandRig) -> None:
+    stopped = rig.run("stop", "--folder", str(rig.folder))
+    assert stopped.status == 3
+    assert "NOT STOPPED: there is no socket" in stopped.out
+    assert "end the `etd run`" in stopped.out
+    assert "systemctl" not in stopped.out
+    for verb in ("play x.json", "calibrate P01 --max-current-ua 1000"):
+        told = rig.run(*verb.split(), "--board", "fake", "--folder", str(rig.folder))
+        assert told.status == 2, told.err
+        assert "--folder is a running one" in told.err
+
+
 def test_status_tells_why_arming_is_refused_until_it_is_not(rig: CommandRig) -> None:
     report = rig.folder / "report.json"
     report.write_text("no report")

@@ -187,7 +187,8 @@ def test_being_asked_to_end_leaves_no_process_and_no_folder(
     assert len(list(rig.folder.glob("etd-*"))) == 1
     playing.signal(ending)
     said = playing.ended()
-    assert (said.status, said.err) == (130, "")
+    told = {signal.SIGINT: (130, ""), signal.SIGTERM: (143, "etd: ended by SIGTERM\n")}
+    assert (said.status, said.err) == told[ending]
     wait_for_end(parts)
     assert list(rig.folder.glob("etd-*")) == []
 
@@ -238,6 +239,17 @@ def test_the_demo_shows_lines_and_ends_by_itself(rig: CommandRig) -> None:
 def test_the_demo_takes_an_array_that_has_no_calibration(rig: CommandRig) -> None:
     told = rig.run("demo", "--seconds", "0.5", "--array", "band-4x8")
     assert told.status == 0, told.err
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])
+def test_another_signal_ends_the_demo_and_is_told(rig: CommandRig, ending: signal.Signals) -> None:
+    showing = rig.start("demo")
+    showing.line()
+    showing.line()
+    showing.signal(ending)
+    said = showing.ended()
+    assert (said.status, said.err) == (128 + ending, f"etd: ended by {ending.name}\n")
+    assert list(rig.folder.glob("etd-*")) == []
 
 
 def test_ctrl_c_ends_the_demo_with_its_summary(rig: CommandRig) -> None:

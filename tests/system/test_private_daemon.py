@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from etd import Display
-from etd.cli.private_daemon import private_daemon
+from etd import DaemonGone, Display
+from etd.cli import process_pair
+from etd.cli.private_daemon import answer_within_s, private_daemon
 from etd.files.configuration import fake_config
 
 pytestmark = pytest.mark.slow
@@ -18,3 +19,20 @@ def test_its_timeouts_are_as_long_as_was_asked(given: int | None, factor: int) -
         Display(address=address) as display,
     ):
         assert display.status().timeout_factor == factor
+
+
+def test_a_daemon_that_is_slow_to_start_does_not_ask_whether_it_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process_pair, "READY_WITHIN_S", 0.0)
+    with (
+        pytest.raises(DaemonGone, match=r"not ready within 0 s.*held up.*has time") as told,
+        private_daemon("play", fake_config(array="pad-8")),
+    ):
+        pass
+    assert "is the daemon running" not in str(told.value)
+
+
+@pytest.mark.parametrize(("factor", "within_s"), [(None, 40.0), (3, 6.0), (100, 60.0)])
+def test_its_client_waits_longer_for_an_answer_too(factor: int | None, within_s: float) -> None:
+    assert answer_within_s(factor) == within_s

@@ -9,7 +9,8 @@ which need a newer one, are imported.
 
 A verb is a module with HELP, EPILOG (an example), `add_arguments(parser)` and `run(args)`, which
 returns the exit status: 0 done, 1 refused or failed, 2 used wrongly, 3 the hardware or the
-daemon is not there, 130 ended by Ctrl-C. `args.misused(sentence)` ends with status 2.
+daemon is not there, 130 ended by Ctrl-C, 128 + its number by another signal.
+`args.misused(sentence)` ends with status 2.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import argparse
 import importlib
 import json
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -73,7 +75,7 @@ first steps, without any hardware:
   etd play FILE --board fake          plays a pattern file on a fake board
 
 exit status: 0 done, 1 refused, or a check failed, 2 wrong usage, 3 the hardware or the daemon is
-missing, 130 ended by Ctrl-C
+missing, 130 ended by Ctrl-C, 143 by SIGTERM
 `etd VERB --help` explains each verb, with an example.
 """
 
@@ -84,9 +86,17 @@ This Python runs etd's client. These verbs are the daemon's, and need a newer Py
 Those listed above are for a daemon that is running, here or elsewhere (--host).
 
 exit status: 0 done, 1 refused, or a check failed, 2 wrong usage, 3 the daemon or a newer Python is
-missing, 130 ended by Ctrl-C
+missing, 130 ended by Ctrl-C, 143 by SIGTERM
 `etd VERB --help` explains each verb, with an example.
 """
+
+
+class Terminated(KeyboardInterrupt):
+    """A signal asked a verb to end, which does so as on Ctrl-C. Fields: status (to exit with)."""
+
+    def __init__(self, number: int) -> None:
+        self.status = 128 + number
+        super().__init__(f"ended by {signal.Signals(number).name}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -102,6 +112,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader has closed the pipe (`etd monitor | head`): nothing can be printed any more.
         _discard_output()
         return NO
+    except Terminated as ended:
+        print(f"etd: {ended}", file=sys.stderr)
+        return ended.status
     except KeyboardInterrupt:
         # Also while a verb's modules are loaded.
         return INTERRUPTED
@@ -161,11 +174,16 @@ class _Parser(argparse.ArgumentParser):
     as_json = False
 
     def error(self, message: str) -> NoReturn:
-        """Raises: SystemExit (2). With `--json` the error is a JSON object."""
+        """Raises: SystemExit (2). The sentence, without all options before it; with `--json` it is
+        a JSON object too.
+        """
         if self.as_json:
             answer = {"ok": False, "error": "used_wrongly", "reason": f"{self.prog}: {message}"}
             print(json.dumps(answer), flush=True)
-        super().error(message)
+        self.exit(
+            USED_WRONGLY,
+            f"{self.prog}: error: {shown(message)}\n`{self.prog} --help` explains its use\n",
+        )
 
 
 class _JsonParser(_Parser):

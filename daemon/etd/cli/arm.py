@@ -10,8 +10,8 @@ import argparse
 import msgspec
 
 from etd.cli import options
+from etd.cli.running import display_of
 from etd.cli.taken import said_of_taken
-from etd.client import Display
 from etd.protocol.text import shown
 
 HELP = "check the board, and enable the supply for the application that holds the lease"
@@ -29,7 +29,7 @@ add_arguments = options.add_daemon_and_json
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (with the check that failed), DaemonGone."""
-    with Display(args.name, host=args.host, client="etd arm") as display:
+    with display_of(args, "etd arm") as display:
         taken = display.arm_holder(TIMEOUT_S)
         holder = display.status().holder
     if args.json:

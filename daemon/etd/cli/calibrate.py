@@ -249,6 +249,10 @@ def _check_combinations(args: argparse.Namespace) -> None:
         args.misused("--max-current-ua is required: without a limit nothing is stimulated")
     if args.board is not None and args.host is not None:
         args.misused("--board fake is calibrated here, --host is another computer: one of the two")
+    if args.board is not None and args.folder is not None:
+        args.misused(
+            "--board fake has a daemon of its own, --folder is a running one: one of the two"
+        )
     fakes = args.array, args.timeout_factor, args.answers == "simulated"
     if args.board is None and any(fakes):
         args.misused("--array, --timeout-factor and --answers simulated go with --board fake")
@@ -281,7 +285,7 @@ def _check_fit(args: argparse.Namespace) -> None:
 
 def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:
     if args.board is None:
-        return contextlib.nullcontext()
+        return contextlib.nullcontext(options.address_named(args))
     check_fake()
     lent = None if args.baseline is None else calibration_of(args.name, args.baseline)
     with options.wrong_use(args):

@@ -17,6 +17,7 @@ from etd.cli import options
 from etd.cli.calibration_shown import conditions_in_words, table_of
 from etd.cli.doubts import doubts_of
 from etd.cli.new_file import check_new_file
+from etd.cli.running import display_of
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import calibration_of_bytes, load_calibration, to_toml
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _display(args: argparse.Namespace) -> Display:
-    return Display(args.name, host=args.host, client="etd calibration")
+    return display_of(args, "etd calibration")
 
 
 # --- what is there -----------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import argparse
 import json
 
 from etd.cli import options
-from etd.client import Display
+from etd.cli.running import display_of
 from etd.protocol.text import shown
 
 HELP = "leave HALTED for SAFE, after the cause has been checked"
@@ -24,7 +24,7 @@ add_arguments = options.add_daemon_and_json
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (nothing to clear, a stop line still open), DaemonGone."""
-    with Display(args.name, host=args.host, client="etd clear") as display:
+    with display_of(args, "etd clear") as display:
         halt = display.status().halt
         display.clear()
     cause = "" if halt is None else f"{halt.cause} ({halt.source})"

@@ -7,14 +7,13 @@ picture (live). It starts its own daemon; no option names a running one.
 from __future__ import annotations
 
 import argparse
-import contextlib
 from pathlib import Path
 
 from etd.apps.demo_pattern import SweepingBar
 from etd.apps.monitor import Monitor
-from etd.cli import options
+from etd.cli import Terminated, options
 from etd.cli.live import Drawn, Plain, picture_of
-from etd.cli.private_daemon import private_daemon
+from etd.cli.private_daemon import answer_within_s, private_daemon
 from etd.client import Display, clock
 from etd.client.telemetry import Telemetry
 from etd.files.configuration import fake_config
@@ -53,23 +52,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ends with `--seconds` or Ctrl-C, status 0. Raises: FileError, PartEnded, Refused."""
+    """Ends with `--seconds` or Ctrl-C, status 0. Raises: FileError, PartEnded, Refused,
+    Terminated.
+    """
     loaded = fake_config(args.board.board, args.array)
     has_calibration = loaded.config.default_calibration is not None
     with (
         private_daemon("demo", loaded, args.trace, timeout_factor=args.timeout_factor) as address,
-        _display(address, has_calibration) as display,
+        _display(args, address, has_calibration) as display,
     ):
         demo = Demo(display, has_calibration)
-        with contextlib.suppress(KeyboardInterrupt):
+        try:
             demo.run(args.seconds)
+        except Terminated:
+            raise
+        except KeyboardInterrupt:
+            pass  # as `--seconds` ends it
         print(demo.summary())
     return 0
 
 
-def _display(address: str, has_calibration: bool) -> Display:
+def _display(args: argparse.Namespace, address: str, has_calibration: bool) -> Display:
     current_ua, width_us = (None, None) if has_calibration else (_CURRENT_UA, _WIDTH_US)
-    return Display(address=address, client="etd demo", max_current_ua=current_ua, width_us=width_us)
+    return Display(
+        address=address,
+        client="etd demo",
+        max_current_ua=current_ua,
+        width_us=width_us,
+        timeout_s=answer_within_s(args.timeout_factor),
+    )
 
 
 def title_of(facts: HelloReply) -> str:

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
             "only the holder of the lease may disarm: give its token with --lease TOKEN, or use"
             " `etd stop`, which needs no lease",
         )
-    _disarm(way_to(args.name, args.host, None), args.lease)
+    _disarm(way_to(args.name, args.host, options.address_named(args)), args.lease)
     print(json.dumps({"ok": True}) if args.json else "disarmed: the supply is off")
     return 0
 

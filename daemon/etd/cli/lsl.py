@@ -14,9 +14,10 @@ from typing import Any
 
 from etd.apps.lsl_streams import Streams
 from etd.cli import extras, options
+from etd.cli.running import display_of
 from etd.client import Display, clock
 from etd.client.telemetry import Telemetry
-from etd.protocol.errors import DaemonGone
+from etd.protocol.errors import HELD_UP, DaemonGone
 from etd.protocol.messages import HelloReply
 
 HELP = "offer frames, marks and contact as streams of the Lab Streaming Layer"
@@ -70,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     end_ns = None if args.seconds is None else clock.now_ns() + int(args.seconds * 1e9)
     with (
         contextlib.suppress(KeyboardInterrupt),
-        Display(args.name, host=args.host, client="etd lsl") as display,
+        display_of(args, "etd lsl") as display,
         display.telemetry("state", "scan", "contact", "mark", "halt") as reports,
     ):
         for _ in range(_FIRST_COMPARISONS):
@@ -102,7 +103,7 @@ def _stream(display: Display, reports: Telemetry, streams: Streams, end_ns: int 
             heard_ns = now_ns
             streams.hear(item[1])
         elif now_ns - heard_ns > _SILENT_S * 1e9:
-            raise DaemonGone(display.address, f"no telemetry for {_SILENT_S:g} s")
+            raise DaemonGone(display.address, f"no telemetry for {_SILENT_S:g} s", HELD_UP)
         if now_ns - compared_ns > _COMPARED_S * 1e9:
             compared_ns = now_ns
             display.status()

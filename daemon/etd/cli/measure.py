@@ -11,7 +11,7 @@ import msgspec
 
 from etd.apps.picture import Picture
 from etd.cli import options
-from etd.client import Display
+from etd.cli.running import display_of
 from etd.protocol.messages import MeasureReply
 from etd.protocol.outcome import Withheld
 
@@ -49,13 +49,7 @@ add_arguments = options.add_daemon_and_json
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (another client's lease, a check before the supply), DaemonGone."""
-    with Display(
-        args.name,
-        host=args.host,
-        client="etd measure",
-        max_current_ua=_LIMIT_UA,
-        width_us=_LIMIT_US,
-    ) as display:
+    with display_of(args, "etd measure", _LIMIT_UA, _LIMIT_US) as display:
         found = display.measure(_TIMEOUT_S)
         array = display.facts.array
     if args.json:

@@ -17,9 +17,10 @@ from etd.apps.monitor import Monitor
 from etd.cli import options
 from etd.cli.keys import keys_of
 from etd.cli.live import picture_of
+from etd.cli.running import display_of
 from etd.client import Display, clock
 from etd.client.telemetry import Item, Telemetry
-from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.errors import HELD_UP, DaemonGone, Refused
 
 HELP = "show live what is fired, and what limits it"
 EPILOG = """
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     end_ns = None if args.seconds is None else clock.now_ns() + int(args.seconds * 1e9)
     with (
         contextlib.suppress(KeyboardInterrupt),
-        Display(args.name, host=args.host, client="etd monitor") as display,
+        display_of(args, "etd monitor") as display,
         display.telemetry() as reports,
         keys_of(sys.stdin) as pressed,
     ):
@@ -80,7 +81,7 @@ def _heard(reports: Telemetry, end_ns: int | None, address: str) -> Iterator[Ite
         if item is not None:
             heard_ns, wait_s = clock.now_ns(), 0.0
         elif clock.now_ns() - heard_ns > _SILENT_S * 1e9:
-            raise DaemonGone(address, f"no telemetry for {_SILENT_S:g} s")
+            raise DaemonGone(address, f"no telemetry for {_SILENT_S:g} s", HELD_UP)
         else:
             wait_s = _TURN_S
         yield item

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from etd.cli import options
-from etd.client import Display
+from etd.cli.running import display_of
 
 HELP = "write a remark into the record that is being written"
 EPILOG = """
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused (`no_record`, `not_permitted`, `busy`, `bad_message`), DaemonGone."""
-    with Display(args.name, host=args.host, client="etd note") as display:
+    with display_of(args, "etd note") as display:
         display.note(args.text)
     print('{"ok":true}' if args.json else "noted")
     return 0

@@ -1,8 +1,8 @@
 """Options that several verbs share.
 
-Owns: `--name`, `--host`, `--json`, `--seconds`, `--returns`, `--config`, `--board fake[:BOARD]`,
-`--array`, `--timeout-factor`, `--machine`, numbers within bounds, how a verb reports a failure that
-is not an exception, and wrong use that shows late. Must not know: verbs.
+Owns: `--name`, `--host`, `--folder`, `--json`, `--seconds`, `--returns`, `--config`, `--board
+fake[:BOARD]`, `--array`, `--timeout-factor`, `--machine`, numbers within bounds, how a verb reports
+a failure that is not an exception, and wrong use that shows late. Must not know: verbs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from etd.files.paths import DEFAULT_NAME
+from etd.files.paths import DEFAULT_NAME, address_of
 from etd.protocol.errors import FileError
 from etd.protocol.text import shown
 from etd_hal.modelled_machines import MODELLED_MACHINES
@@ -32,9 +32,10 @@ def add_daemon_and_json(parser: argparse.ArgumentParser) -> None:
 
 
 def add_daemon(parser: argparse.ArgumentParser) -> None:
-    """Which running daemon: its name, here or on another computer."""
+    """Which running daemon: its name or its folder, here or on another computer."""
     add_name(parser)
     add_host(parser)
+    add_folder(parser)
 
 
 def add_host(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +44,17 @@ def add_host(parser: argparse.ArgumentParser) -> None:
         metavar="[USER@]HOST",
         help="the daemon on another computer, over ssh (default: ETD_HOST, or else this one)",
     )
+
+
+def add_folder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--folder", metavar="DIR", help="the daemon of `etd run --folder DIR`, instead of --name"
+    )
+
+
+def address_named(args: argparse.Namespace) -> str | None:
+    """The control address of the daemon in `--folder`; None: `--name` says which."""
+    return None if args.folder is None else address_of(Path(args.folder))
 
 
 def add_name(parser: argparse.ArgumentParser) -> None:
@@ -175,7 +187,11 @@ class FakeBoard(NamedTuple):
 
 def fake_board(text: str) -> FakeBoard:
     """`fake` or `fake:BOARD`. Raises: ArgumentTypeError."""
-    kind, _, board = text.partition(":")
+    kind, colon, board = text.partition(":")
+    if colon and not board:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} names no board after its colon: give fake, or fake:BOARD"
+        )
     if kind != "fake":
         raise argparse.ArgumentTypeError(
             f"{text!r}: only a fake board is named here (fake, or fake:BOARD); a real one is named"

@@ -19,7 +19,7 @@ from etd.cli import options
 from etd.cli.arming import is_armed
 from etd.cli.borrowed import array_of, calibration_of, lend
 from etd.cli.extras import check_fake
-from etd.cli.private_daemon import private_daemon
+from etd.cli.private_daemon import answer_within_s, private_daemon
 from etd.cli.terminal import progress_of
 from etd.client import Display
 from etd.client.patterns import PatternOptions
@@ -171,6 +171,10 @@ def _check_combinations(args: argparse.Namespace) -> None:
         )
     if args.board is not None and args.host is not None:
         args.misused("--board fake is played here, --host is another computer: one of the two")
+    if args.board is not None and args.folder is not None:
+        args.misused(
+            "--board fake has a daemon of its own, --folder is a running one: one of the two"
+        )
     if (args.current_ua is None) != (args.width_us is None):
         args.misused("--current-ua and --width-us go together: a current needs a width")
     if args.current_ua is not None and (args.level or args.calibration):
@@ -182,7 +186,7 @@ def _address(
 ) -> contextlib.AbstractContextManager[str | None]:
     """The control address of the fake's own daemon; None for the running one."""
     if args.board is None:
-        return contextlib.nullcontext()
+        return contextlib.nullcontext(options.address_named(args))
     check_fake()
     lent = [calibration_of(args.name, name) for name in args.calibration or ()]
     array = args.array or next((array_of(one) for one in lent if one is not None), None)
@@ -210,6 +214,7 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
         calibration=args.calibration,
         max_current_ua=args.current_ua,
         width_us=args.width_us,
+        timeout_s=2.0 if args.board is None else answer_within_s(args.timeout_factor),
     )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from etd.cli import Terminated
 from etd.cli.extras import check_fake
 from etd.cli.options import PRIVATE_TIMEOUT_FACTOR
 from etd.files.configuration import LoadedConfig
@@ -24,8 +25,9 @@ from etd.protocol.errors import DaemonGone, PartEnded, Refused
 if TYPE_CHECKING:
     from etd.cli.process_pair import ProcessPair
 
+#: What a client waits by itself; and at most: a person sits before the screen.
+_ANSWER_WITHIN_S, _MOST_ANSWER_WITHIN_S = 2.0, 60.0
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
-_HELD_UP = "its processes run, but were held up: start it again on a machine that has time for them"
 
 
 @contextmanager
@@ -64,12 +66,19 @@ def private_daemon(
                 raise
 
 
+def answer_within_s(timeout_factor: int | None) -> float:
+    """How long its client waits for an answer: on a busy machine that has no time for the daemon
+    either.
+    """
+    return min(_ANSWER_WITHIN_S * (timeout_factor or PRIVATE_TIMEOUT_FACTOR), _MOST_ANSWER_WITHIN_S)
+
+
 @contextmanager
 def termination_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM must leave no folder behind, and no supply switched on."""
+    """SIGTERM must leave no folder behind, and no supply switched on. Raises: Terminated."""
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        raise Terminated(number)
 
     before = {ending: signal.signal(ending, interrupt) for ending in _ENDINGS}
     try:
@@ -82,6 +91,8 @@ def termination_as_ctrl_c() -> Iterator[None]:
 @contextmanager
 def _death_explains(both: ProcessPair) -> Iterator[None]:
     """Where a client is refused or not answered because a part died, report the dead part."""
+    from etd.cli.process_pair import NO_TIME
+
     try:
         yield
     except Refused as error:
@@ -90,7 +101,7 @@ def _death_explains(both: ProcessPair) -> Iterator[None]:
         raise
     except DaemonGone as error:
         both.check_dying()
-        raise DaemonGone(error.address, error.what, _HELD_UP) from error
+        raise DaemonGone(error.address, error.what, NO_TIME) from error
 
 
 def _arguments(

@@ -31,6 +31,8 @@ from etd.protocol.errors import DaemonGone, PartEnded
 PARTS = ("engine", "gateway")
 #: From start to ready; an engine takes a second or two on a small machine.
 READY_WITHIN_S = 20.0
+#: To whoever has started the processes of a daemon that is not ready, or does not answer.
+NO_TIME = "its processes run, but were held up: start it again on a machine that has time for them"
 #: From the signal to the end; the engine makes the board safe meanwhile.
 _END_WITHIN_S = 5.0
 #: Between a part's sockets closing and its end as a process.
@@ -124,7 +126,8 @@ class ProcessPair:
         while not all(part.is_ready for part in self._parts):
             left_s = _left_s(deadline_ns)
             if left_s <= 0:
-                raise DaemonGone(self.address, f"it was not ready within {READY_WITHIN_S:g} s")
+                what = f"the daemon was not ready within {READY_WITHIN_S:g} s"
+                raise DaemonGone(self.address, what, NO_TIME)
             self._look(left_s)
             self.check()
         self._wait_for_link(deadline_ns)
@@ -187,7 +190,7 @@ class ProcessPair:
                 if getattr(item[1], "engine", None) == "there":
                     return
                 self.check()
-        raise DaemonGone(self.address, "the gateway could not connect to its engine")
+        raise DaemonGone(self.address, "the gateway could not connect to its engine", NO_TIME)
 
 
 def _left_s(deadline_ns: int) -> float:

@@ -18,6 +18,7 @@ from etd.cli import options
 from etd.cli.extras import check_fake
 from etd.cli.new_file import check_new_file, write_new_file
 from etd.cli.record_source import WHICH, WHOSE, fetch, record_file
+from etd.cli.running import display_of
 from etd.client import Display
 from etd.files.paths import check_name
 from etd.protocol.text import shown
@@ -102,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _display(args: argparse.Namespace) -> Display:
-    return Display(args.name, host=args.host, client="etd record")
+    return display_of(args, "etd record")
 
 
 # --- on the daemon -----------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import contextlib
 import fcntl
 import os
 import select
+import shlex
 import signal
 import socket
 import subprocess
@@ -131,10 +132,11 @@ def loaded_config(args: argparse.Namespace) -> LoadedConfig:
         args.misused("--array needs --board fake: otherwise the configuration names the array")
     path = args.config or CONFIG_FOLDER / f"{args.name}.toml"
     if not path.is_file():
+        what = "it is no regular file" if path.exists() else "there is no such configuration"
         raise FileError(
             str(path),
             "",
-            "there is no such configuration",
+            what,
             "without hardware: etd run --board fake; with hardware: `sudo make install` writes it,"
             " or name another with --config",
         )
@@ -178,6 +180,9 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
                     f" {loaded.array.count} electrodes) at {both.address}",
                     flush=True,
                 )
+                if args.folder is not None:
+                    folder_named = shlex.quote(str(folder.absolute()))
+                    print(f"to stop it: etd stop --folder {folder_named}", flush=True)
                 both.wait(args.seconds, wakeup)
         finally:
             ended = both.not_ended_well()
@@ -192,7 +197,7 @@ def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> 
     arguments += ["--selftest", str(_selftest_file(args, loaded))]
     arguments += ["--state", str(_state_folder(args, folder))]
     if args.board is not None:
-        arguments += ["--board", f"fake:{args.board.board or ''}"]
+        arguments += ["--board", "fake" if args.board.board is None else f"fake:{args.board.board}"]
     for key in ("config", "array", "machine", "trace", "board_socket", "timeout_factor", "record"):
         value = getattr(args, key)
         if value is not None:
@@ -296,8 +301,9 @@ def _supply_note_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
 def _state_folder(args: argparse.Namespace, folder: Path) -> Path:
     """Not with the sockets, unless it was asked for: their folder is gone after a restart."""
     if args.state is not None:
-        return Path(args.state)
-    return state_folder(args.name) if args.folder is None else folder / "state"
+        return Path(args.state).absolute()
+    # A client is told of it, and may have another working folder.
+    return state_folder(args.name) if args.folder is None else folder.absolute() / "state"
 
 
 def _calibrations_folder(args: argparse.Namespace, folder: Path) -> Path:

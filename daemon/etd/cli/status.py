@@ -10,6 +10,7 @@ import argparse
 import msgspec
 
 from etd.cli import options
+from etd.cli.running import display_of
 from etd.cli.taken import said_of_taken
 from etd.client import Display
 from etd.protocol.errors import Refused
@@ -31,13 +32,14 @@ add_arguments = options.add_daemon_and_json
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 3: no daemon answers, or no engine does. Raises: DaemonGone."""
-    with Display(args.name, host=args.host, client="etd status") as display:
+    with display_of(args, "etd status") as display:
         report = display.status()
         facts = _facts(display)
     if args.json:
         print(msgspec.json.encode({"ok": True, "status": report, "facts": facts}).decode())
     else:
-        print("\n".join(lines_of(args.name, report, facts)))
+        name = args.name if facts is None else facts.name
+        print("\n".join(lines_of(name, report, facts)))
     return 0 if report.engine == "there" else 3
 
 

@@ -7,6 +7,7 @@ answer. Must not know: how a daemon stops.
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -31,13 +32,14 @@ from etd.files.paths import (
     why_unreachable,
 )
 from etd.protocol.errors import DaemonGone, EtdError
-from etd.protocol.text import shown
+from etd.protocol.text import NAME_PATTERN, shown
 
 HELP = "stop stimulation at once; it stays stopped until `etd clear`"
 EPILOG = """
 examples:
-  etd stop               all daemons that you can reach; with sudo, those of every user
+  etd stop               all daemons of the system and yours; with sudo, those of every user
   etd stop --name left   only this daemon
+  etd stop --folder DIR  one that was started with `etd run --folder DIR`: no other stop finds it
   etd stop --host pi@display.local    the daemon on another computer (main, or --name)
 
 No lease and no operate rights are needed, and other requests do not delay it. It does not replace
@@ -46,6 +48,10 @@ a hardware stop (docs/hardware.md).
 _TIMEOUT_S = 1.0
 #: Each takes some file descriptors, of which a process has few.
 _AT_ONCE = 16
+_ELSEWHERE = (
+    "is the daemon running? one that was started with `etd run --folder DIR` is found only by `etd"
+    " stop --folder DIR`"
+)
 _LEFT_OVER = "no daemon listens any more"
 
 
@@ -61,6 +67,7 @@ class Stopped(msgspec.Struct, frozen=True, kw_only=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="only this daemon (default: all)")
     options.add_host(parser)
+    options.add_folder(parser)
     options.add_json(parser)
 
 
@@ -70,20 +77,24 @@ def run(args: argparse.Namespace) -> int:
     Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused.
     Raises: DaemonGone if there is none.
     """
-    host = host_asked_for(args.host)
+    there = options.address_named(args)
+    host = args.host if there is not None else host_asked_for(args.host)
     others = OthersDaemons()
+    is_all = host is None and there is None and args.name is None
     if host is not None:
-        daemons = [RunningDaemon(args.name or DEFAULT_NAME, host)]
+        daemons = [RunningDaemon(args.name or args.folder or DEFAULT_NAME, host)]
+    elif there is not None:
+        daemons = [RunningDaemon(args.name or args.folder, there)]
     elif args.name is None:
         daemons = _all_own()
     else:
         daemons = [RunningDaemon(args.name, control_address(args.name))]
-    answers = _stop_each(host, daemons)
-    if host is None and args.name is None:
+    answers = _stop_each(host, there, daemons)
+    if is_all:
         others = find_daemons_of_others()
-        answers += _stop_each(None, others.daemons)
+        answers += _stop_each(None, None, others.daemons)
     if not answers:
-        raise DaemonGone("any socket that this user may reach", "no daemon answers")
+        raise DaemonGone("any socket that this user may reach", "no daemon answers", _ELSEWHERE)
     all_good = all(stopped.error is None for stopped in answers)
     if args.json:
         said = {"ok": all_good, "daemons": answers, "not_asked": others.not_asked}
@@ -97,9 +108,11 @@ def run(args: argparse.Namespace) -> int:
     return 1 if all(stopped.is_there for stopped in answers) else 3
 
 
-def _stop_each(host: str | None, daemons: Sequence[RunningDaemon]) -> list[Stopped]:
+def _stop_each(
+    host: str | None, there: str | None, daemons: Sequence[RunningDaemon]
+) -> list[Stopped]:
     with ThreadPoolExecutor(max_workers=_AT_ONCE) as pool:
-        return list(pool.map(partial(_stop, host), daemons))
+        return list(pool.map(partial(_stop, host, there), daemons))
 
 
 def _all_own() -> list[RunningDaemon]:
@@ -114,9 +127,9 @@ def _all_own() -> list[RunningDaemon]:
     return found
 
 
-def _stop(host: str | None, daemon: RunningDaemon) -> Stopped:
-    """`host`: where it is, then in the place of an address; None: here."""
-    address = daemon.address if host is None else None
+def _stop(host: str | None, there: str | None, daemon: RunningDaemon) -> Stopped:
+    """`host`: where it is, with its address `there` if its name does not say that; None: here."""
+    address = daemon.address if host is None else there
     try:
         with Display(
             daemon.name, host=host, address=address, client="etd stop", timeout_s=_TIMEOUT_S
@@ -147,10 +160,12 @@ def lines_of(answers: list[Stopped]) -> list[str]:
 def _line(stopped: Stopped, called: str) -> str:
     if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
-    name = shown(stopped.name)
+    then = "end the `etd run` that runs it."
+    if re.search(NAME_PATTERN, stopped.name):
+        name = stopped.name
+        then = f"run\n  `systemctl stop etd-engine@{name}` and `etd safe --name {name}`."
     return (
         f"{called}: NOT STOPPED: {shown(stopped.error)}\n"
         "  Without a gateway the engine stops within 250 ms; without an engine nothing is fired.\n"
-        "  If anything is still felt: press the hardware stop or unplug the supply, then run\n"
-        f"  `systemctl stop etd-engine@{name}` and `etd safe --name {name}`."
+        f"  If anything is still felt: press the hardware stop or unplug the supply, then {then}"
     )

@@ -31,6 +31,7 @@ from etd.client.presented import Presented
 from etd.client.presenting import MOST_BEGUN_S, WAIT_S, presenting
 from etd.client.session import KEEP_S, Flow, R
 from etd.client.values import Numbers, up_to_s
+from etd.client.way import silent
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.facts import RecordFacts
@@ -397,7 +398,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         data = self._session.streamed(fields)
         frames = self._frames_socket()
         if not await is_writable(frames, self._timeout_s):
-            raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
+            raise silent(self._way, f"no frame was taken within {self._timeout_s:g} s")
         await frames.send(data)
 
     async def _play(self, course: Course[R]) -> R:

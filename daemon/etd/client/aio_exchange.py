@@ -17,7 +17,7 @@ import zmq.asyncio
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
 from etd.client.session import KEEP_S, Ask, Flow, Session
-from etd.client.way import Way
+from etd.client.way import Way, silent
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
@@ -105,7 +105,7 @@ class AsyncExchange:
                     self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                     return reply
         self.hang_up()
-        raise DaemonGone(self._way.place, f"no answer to {ask.op} within {ask.timeout_s:g} s")
+        raise silent(self._way, f"no answer to {ask.op} within {ask.timeout_s:g} s")
 
     async def _is_there(
         self,

@@ -9,8 +9,7 @@ from collections.abc import AsyncIterator
 
 import zmq.asyncio
 
-from etd.client import clock
-from etd.client.telemetry import Item, Subscription, left_ms
+from etd.client.telemetry import Item, Subscription, deadline, left_ms
 
 
 class AsyncTelemetry(Subscription[zmq.asyncio.Socket]):
@@ -32,10 +31,12 @@ class AsyncTelemetry(Subscription[zmq.asyncio.Socket]):
             yield item
 
     async def receive(self, timeout_s: float | None = 0.0) -> Item | None:
-        """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
+        """The next (topic, report), or None if there is none within `timeout_s` (None: wait).
+        Raises: Refused (`bad_message`), for more than a week.
+        """
         if (first := self._take_first()) is not None:
             return first
-        deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
+        deadline_ns = deadline(timeout_s)
         while await self._socket.poll(left_ms(deadline_ns)):
             item = self._decoded(await self._socket.recv_multipart())
             if item is not None:

@@ -32,6 +32,7 @@ from etd.client.presenting import MOST_BEGUN_S, WAIT_S, presenting
 from etd.client.session import Flow, R
 from etd.client.telemetry import Telemetry
 from etd.client.values import Numbers, up_to_s
+from etd.client.way import silent
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.facts import RecordFacts
@@ -411,7 +412,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
         data = self._session.streamed(fields)
         frames = self._frames_socket()
         if not frames.poll(int(self._timeout_s * 1000), zmq.POLLOUT):
-            raise DaemonGone(self.address, f"no frame was taken within {self._timeout_s:g} s")
+            raise silent(self._way, f"no frame was taken within {self._timeout_s:g} s")
         frames.send(data)
 
     def _greet(self) -> None:

@@ -46,7 +46,7 @@ _POLL_S = 0.02
 #: What it said is read within that, once it has ended.
 _READ_WITHIN_S = 1.0
 #: What `ssh` may be given as its destination; never an option.
-_HOST = re.compile(r"[^\s-][^\s]*")
+_HOST = re.compile(r"[^\s\x00-\x1f\x7f-\x9f-][^\s\x00-\x1f\x7f-\x9f]*")
 _READY, _DENIED, _NONE = "etd:ready", "etd:denied", "etd:none"
 _PROBE = """
 if [ -w {control} ]; then echo {ready}

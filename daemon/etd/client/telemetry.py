@@ -16,7 +16,7 @@ import msgspec
 import zmq
 
 from etd.client import clock, values
-from etd.protocol.errors import DaemonGone, Refused
+from etd.protocol.errors import HELD_UP, DaemonGone, Refused
 from etd.protocol.messages import TELEMETRY_OF_TOPIC, TOPICS, Topic
 from etd.protocol.messages import Telemetry as Report
 
@@ -60,14 +60,14 @@ class Subscription(Generic[S]):
         """`item`: the first one. Raises: DaemonGone if there is none."""
         if item is None:
             self.close()
-            raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s")
+            raise DaemonGone(self._address, f"no telemetry within {self._join_s:g} s", HELD_UP)
         self._first = item if item[0] in self._wanted else None
         self._received = self._wanted
         if "state" not in self._wanted:
             self._socket.setsockopt(zmq.UNSUBSCRIBE, b"state")
 
     def _silent(self) -> DaemonGone:
-        return DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s")
+        return DaemonGone(self._address, f"no telemetry for {self._timeout_s:g} s", HELD_UP)
 
     def _take_first(self) -> Item | None:
         first, self._first = self._first, None
@@ -104,10 +104,12 @@ class Telemetry(Subscription["zmq.Socket[bytes]"]):
             yield item
 
     def receive(self, timeout_s: float | None = 0.0) -> Item | None:
-        """The next (topic, report), or None if there is none within `timeout_s` (None: wait)."""
+        """The next (topic, report), or None if there is none within `timeout_s` (None: wait).
+        Raises: Refused (`bad_message`), for more than a week.
+        """
         if (first := self._take_first()) is not None:
             return first
-        deadline_ns = None if timeout_s is None else clock.now_ns() + int(timeout_s * 1e9)
+        deadline_ns = deadline(timeout_s)
         while self._socket.poll(left_ms(deadline_ns)):
             item = self._decoded(self._socket.recv_multipart())
             if item is not None:
@@ -122,6 +124,14 @@ def _subscribe(socket: S, address: str, topics: tuple[Topic, ...]) -> S:
         socket.setsockopt(zmq.SUBSCRIBE, topic.encode())
     socket.connect(address)
     return socket
+
+
+def deadline(timeout_s: float | None) -> int | None:
+    """None: never; of nothing, or less: now. Raises: Refused (`bad_message`)."""
+    if timeout_s is None:
+        return None
+    wait_s = 0.0 if timeout_s <= 0 else values.above_zero_s("timeout_s", timeout_s)
+    return clock.now_ns() + int(wait_s * 1e9)
 
 
 def left_ms(deadline_ns: int | None) -> int | None:

@@ -27,6 +27,10 @@ class ArrayLike(Protocol):
 Numbers: TypeAlias = Iterable[float] | Iterable[Iterable[float]] | Mapping[int, float] | ArrayLike
 
 
+#: Longer than any session; in nanoseconds it is far from what a clock counts to.
+MOST_S = 604_800.0
+
+
 def levels(values: Numbers) -> list[float]:
     """One number from 0 to 1 per electrode; of a mask True is 1, False is 0. Raises: Refused
     (`bad_frame`), with the electrode.
@@ -65,23 +69,29 @@ def option(key: str, value: object, *, is_whole: bool = False) -> object:
 
 def above_zero_s(key: str, value: object) -> float:
     """A duration in seconds. Raises: Refused (`bad_message`)."""
-    return above_zero(key, value, "a number of seconds")
+    seconds = above_zero(key, value, "a number of seconds")
+    if seconds > MOST_S:
+        raise Refused("bad_message", f"{key}={_said(value)}: at most {MOST_S:g} s, a week")
+    return seconds
 
 
 def above_zero(key: str, value: object, what: str = "a number") -> float:
     """Raises: Refused (`bad_message`)."""
     if isinstance(value, Real) and not isinstance(value, bool):
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number may have any number of digits
+            number = math.inf
         if 0.0 < number < math.inf:
             return number
-    raise Refused("bad_message", f"{key}={value!r}: {what} above 0 is needed")
+    raise Refused("bad_message", f"{key}={_said(value)}: {what} above 0 is needed")
 
 
 def up_to_s(key: str, value: object, most_s: float) -> float:
     """A duration that has a bound. Raises: Refused (`bad_message`)."""
     seconds = above_zero_s(key, value)
     if seconds > most_s:
-        raise Refused("bad_message", f"{key}={value!r}: at most {most_s:g} s")
+        raise Refused("bad_message", f"{key}={_said(value)}: at most {most_s:g} s")
     return seconds
 
 
@@ -175,6 +185,14 @@ def _whole(index: int, value: float) -> int:
             "bad_frame", f"current_ua[{index}] is {value}: whole microamperes are needed", index
         )
     return int(value)
+
+
+def _said(value: object) -> str:
+    """A value as a sentence quotes it."""
+    try:
+        return f"{value!r:.40}"
+    except ValueError:  # Python writes no whole number of thousands of digits
+        return "a number of thousands of digits"
 
 
 def _called(value: object) -> str:

@@ -11,6 +11,7 @@ from typing import Protocol
 from etd.client import calibration_files, wire
 from etd.files.paths import FRAMES, TELEMETRY, sibling_address
 from etd.protocol.calibration import Calibration
+from etd.protocol.errors import HELD_UP, DaemonGone
 from etd.protocol.messages import HelloReply
 
 
@@ -74,3 +75,12 @@ class LocalWay:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def silent(way: Way, what: str) -> DaemonGone:
+    """Of a daemon that was there when it was asked, and has not answered: what is known now."""
+    try:
+        way.check_there()
+    except DaemonGone as gone:
+        return DaemonGone(gone.address, f"{what}, and now {gone.what}", gone.advice)
+    return DaemonGone(way.place, what, HELD_UP)

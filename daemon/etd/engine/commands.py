@@ -256,7 +256,7 @@ def _why_no_account(core: Supervisor, seq: int) -> Refused:
     if halt is not None:
         return halted(halt.cause, halt.source, halt.detail)
     if core.lease is None:
-        return Refused("no_lease", "the lease ended while its frame was shown")
+        return Refused("no_lease", f"the lease has ended, and nothing is known of frame {seq}")
     why = f"there is no account of frame {seq}: it was sent without, or was never begun"
     return Refused("not_found", why)
 

@@ -259,7 +259,7 @@ def prepare_runtime(folder: Path) -> None:
             str(folder),
             "",
             f"this runtime folder cannot be made ({error.strerror})",
-            "set XDG_RUNTIME_DIR to a folder of yours, or give --folder",
+            "choose a folder of yours: with --folder, or with XDG_RUNTIME_DIR",
         ) from error
 
 

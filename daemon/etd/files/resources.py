@@ -39,6 +39,8 @@ def find(kind: Kind, name: str, folder: Path = Path()) -> Path:
         what = f"there is no {name!r} among the shipped {kind}"
     if path.is_file():
         return path
+    if path.exists():
+        what = "it is no regular file"
     advice = (
         f"name one of {', '.join(names(kind)) or '(none are shipped)'}, or give a path to a file"
     )

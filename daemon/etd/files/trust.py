@@ -54,6 +54,7 @@ def check_beyond(folder: Path, other: Peer) -> None:
         found = place.lstat()
         if stat.S_ISLNK(found.st_mode):
             raise _distrusted(place, "a link is in the place of a folder", "remove it")
+        _check_is_folder(place, found)
         is_sticky_above = place != wanted and bool(found.st_mode & stat.S_ISVTX)
         _check_beyond(place, found, other, is_sticky_above)
 
@@ -121,6 +122,9 @@ def _check(folder: Path, laid_out: tuple[Path, ...], is_whole: bool) -> None:
         place = Path(os.path.normpath(place / parts.pop(0)))
         found = place.lstat()
         is_laid_out = any(parent in place.parents for parent in laid_out)
+        if not stat.S_ISLNK(found.st_mode):
+            # First: what may be done to a folder must not be advised for a device.
+            _check_is_folder(place, found)
         _check_owner(place, found, is_laid_out)
         if stat.S_ISLNK(found.st_mode):
             links += 1
@@ -159,6 +163,11 @@ def _opened(path: Path, flags: int, mode: int) -> int:
         raise _distrusted(path, "a link is in the place of a file", "remove it") from error
 
 
+def _check_is_folder(place: Path, found: os.stat_result) -> None:
+    if not stat.S_ISDIR(found.st_mode):
+        raise _distrusted(place, "this is no folder", "name a folder")
+
+
 def _check_owner(place: Path, found: os.stat_result, is_laid_out: bool) -> None:
     if found.st_uid not in (0, os.geteuid()) and not is_laid_out:
         what = "link" if stat.S_ISLNK(found.st_mode) else "folder"
@@ -166,8 +175,8 @@ def _check_owner(place: Path, found: os.stat_result, is_laid_out: bool) -> None:
             place,
             f"this {what} belongs to somebody else (user {found.st_uid}), who could put links in"
             " the place of files",
-            "have it removed, or choose a folder of yours: set XDG_RUNTIME_DIR and XDG_STATE_HOME,"
-            " or give --folder",
+            "have it removed, or choose a folder of yours: with --folder, or with XDG_RUNTIME_DIR"
+            " and XDG_STATE_HOME",
         )
 
 

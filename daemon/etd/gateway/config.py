@@ -49,7 +49,7 @@ class Operators:
 
     def check(self, uid: int | None) -> None:
         """Where none is named, all may. Raises: Refused (`not_permitted`)."""
-        if self._uids and uid not in self._uids:
+        if self._uids and not self.is_one(uid):
             raise Refused(
                 "not_permitted",
                 f"user {uid} has no operate rights: only users listed as operators in the"

@@ -62,8 +62,8 @@ from etd.protocol.messages import (
     Success,
 )
 
-#: These read or write files.
-SLOW: Final = (GetCalibration, Open, Record)
+#: These read or write files, or list a folder of them: at a thousand, 2 ms of the processor.
+SLOW: Final = (GetCalibration, Hello, Open, Record)
 #: A request that the engine has got: the ref of its answer, and what makes a reply of that.
 _Sent = tuple[int, Done]
 

@@ -18,7 +18,7 @@ import shlex
 import sys
 from typing import Literal, TypedDict
 
-from etd.protocol.text import escaped
+from etd.protocol.text import escaped, shown
 from etd_hal.errors import (
     BoardFault,
     BusError,
@@ -136,8 +136,12 @@ def halted(cause: str, source: str, detail: str) -> Refused:
     )
 
 
+#: Of a daemon at whose sockets somebody listens, though no answer comes.
+HELD_UP = "it is there, but hangs, or is held up by other programs: `etd status` asks it again"
+
+
 class DaemonGone(EtdError):
-    """No daemon answers. Fields: address, what."""
+    """No daemon answers. Fields: address, what, advice."""
 
     def __init__(
         self,
@@ -147,7 +151,9 @@ class DaemonGone(EtdError):
     ) -> None:
         self.address = address
         self.what = what
-        super().__init__(f"{what} at {address}: {advice}")
+        self.advice = advice
+        # A host or a folder may have any name.
+        super().__init__(shown(f"{what} at {address}: {advice}"))
 
 
 class PackageMissing(EtdError):
@@ -220,4 +226,4 @@ class PatternError(EtdError):
         self.frame = frame
         self.reason = reason
         where = file if frame is None else f"{file}, frame {frame}"
-        super().__init__(f"{where}: {reason}")
+        super().__init__(shown(f"{where}: {reason}"))

@@ -50,9 +50,11 @@ class RecordReader:
         return tuple(sentences)
 
     def __iter__(self) -> Iterator[Line]:
+        read_bytes = 0
         try:
             with self.path.open("rb") as file:
                 for number, data in enumerate(file, start=1):
+                    read_bytes += len(data)
                     if not data.endswith(b"\n"):
                         break  # torn: it was being written
                     yield self._noted(self._line(number, data), number)
@@ -64,7 +66,7 @@ class RecordReader:
             raise FileError(
                 str(self.path),
                 "",
-                "it is empty, or was cut off within its first line: nothing was recorded",
+                _why_no_header(read_bytes),
                 "a record's file",
             )
 
@@ -101,3 +103,13 @@ class RecordReader:
             self._lost_pulses += line.pulses
             self._lost_lines += line.lines
         return line
+
+
+def _why_no_header(read_bytes: int) -> str:
+    """Of a file without a whole first line."""
+    if not read_bytes:
+        return "it is empty: nothing was recorded"
+    return (
+        f"its {read_bytes} bytes have no line break: it is no record, or was cut off within its"
+        " first line, before anything was recorded"
+    )
