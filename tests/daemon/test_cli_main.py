@@ -113,7 +113,7 @@ def test_bad_usage_ends_with_status_2(
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)
     assert ended.value.code == 2
-    assert "usage: etd" in capsys.readouterr().err
+    assert "--help` explains its use" in capsys.readouterr().err
 
 
 def test_without_a_verb_it_shows_help_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ daemon is not there, 130 ended by Ctrl-C, 128 + its number by another signal.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import json
 import os
@@ -113,7 +114,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return NO
     except Terminated as ended:
-        print(f"etd: {ended}", file=sys.stderr)
+        with contextlib.suppress(OSError):  # the terminal may be gone
+            print(f"etd: {ended}", file=sys.stderr, flush=True)
         return ended.status
     except KeyboardInterrupt:
         # Also while a verb's modules are loaded.
