@@ -184,11 +184,10 @@ def judged(
 
 
 def verdict(console: Console, bounds: Sequence[Bound]) -> bool:
-    """Whether all of what must hold does; what does not is told."""
+    """Whether all of what must hold does; each is told."""
     for bound in bounds:
         met = "[green]met[/]" if bound.is_met else "[red]NOT MET[/]"
-        if not bound.is_met or len(bounds) == 1:
-            console.print(f"{met}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+        console.print(f"{met}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
     is_held = all(bound.is_met for bound in bounds)
     if not BOUND:
         console.print("No law ships switched on, and none is recommended.")
@@ -238,20 +237,26 @@ def main() -> int:
     if args.write_docs and (set(all_laws) - set(only) or set(BodyKind) - set(args.bodies)):
         parser.error("--write-docs is for all laws of the form on all bodies")
     laws = [*only, *(law for law in BOUND if law not in only)]
+    known = documented()
     wanted = cells(form, laws, args.bodies, seeds)
     found = play(wanted, processes=args.processes, within_s=args.within * 60.0)
     made = harms(found)
     played = sorted({seed for _, _, seed in found})
     said = conditions(form, played, len(found), len(wanted))
     fingers = worst_fingers(found) if len(played) > 1 else []
-    known = documented()
-    bounds = judged(form.name, made, known, len(wanted) - len(found))
+    bounds = judged(form.name, made, known, len(set(wanted)) - len(found))
     if form is FULL and not args.only:
         bounds.append(halved(made))
     console = Console(width=None if sys.stdout.isatty() else 210)
     if args.json:
-        plain = {"conditions": said, "harms": [asdict(harm) for harm in made]}
-        print(msgspec.json.encode(plain | {"bounds": [asdict(bound) for bound in bounds]}).decode())
+        plain = {
+            "conditions": said,
+            "harms": [asdict(harm) for harm in made],
+            "worst_fingers": [asdict(one) for one in fingers],
+            "bounds": [asdict(bound) for bound in bounds],
+            "excluded_and_within_bounds": back_in(made, form.name, known),
+        }
+        print(msgspec.json.encode(plain).decode())
     else:
         show(console, made, said, fingers)
         for told in back_in(made, form.name, known):

@@ -90,10 +90,7 @@ def page_part(forms: Sequence[Sequence[Told]]) -> str:
     by_own = "; ".join(f"with {cells[0].of} {_said(cells)}" for cells in own if cells)
     if by_own:
         lines.append(f"By the finger's own k, which the fit finds or refuses: {by_own}.")
-    wrapped = (
-        textwrap.fill(line, _WIDTH, initial_indent="- ", subsequent_indent="  ") for line in lines
-    )
-    return "".join(f"{line}\n" for line in wrapped) or "- No law was played.\n"
+    return "".join(_filled(f"- {line}", "  ") for line in lines) or "- No law was played.\n"
 
 
 def readme_part(forms: Sequence[Sequence[Told]]) -> str:
@@ -104,8 +101,14 @@ def readme_part(forms: Sequence[Sequence[Told]]) -> str:
         for cell in worst(cells)[:1]
     ]
     said = ", ".join(each) or "no law was played"
-    line = f"Variation of what is felt, without a law and with the worst one: {said}."
-    return f"{textwrap.fill(line, _WIDTH)}\n"
+    return _filled(f"Variation of what is felt, without a law and with the worst one: {said}.")
+
+
+def _filled(line: str, indent: str = "") -> str:
+    """What is between backticks is not torn."""
+    whole = re.sub(r"`.*?`", lambda code: code[0].replace(" ", "\0"), line)
+    filled = textwrap.fill(whole, _WIDTH, subsequent_indent=indent, break_on_hyphens=False)
+    return filled.replace("\0", " ") + "\n"
 
 
 def _said(cells: Sequence[Told]) -> str:
