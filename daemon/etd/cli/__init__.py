@@ -138,7 +138,10 @@ def _of_verb(given: Sequence[str]) -> int:
             _tell(error, as_json)
             return status_of(error)
     parser = _parser((verb,) if verb else _verbs(), as_json)
-    args = parser.parse_args(given)
+    args, unknown = parser.parse_known_args(given)
+    if unknown:
+        # By the verb's own parser, whose help has the options that there are.
+        getattr(args, "misused", parser.error)(f"unrecognized arguments: {' '.join(unknown)}")
     if verb is None:
         parser.print_help()
         return USED_WRONGLY

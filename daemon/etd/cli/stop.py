@@ -160,7 +160,7 @@ def lines_of(answers: list[Stopped]) -> list[str]:
 def _line(stopped: Stopped, called: str) -> str:
     if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
-    then = "end the `etd run` that runs it."
+    then = "end\n  the `etd run` that runs it."
     if re.search(NAME_PATTERN, stopped.name):
         name = stopped.name
         then = f"run\n  `systemctl stop etd-engine@{name}` and `etd safe --name {name}`."

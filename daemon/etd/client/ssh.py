@@ -46,7 +46,7 @@ _POLL_S = 0.02
 #: What it said is read within that, once it has ended.
 _READ_WITHIN_S = 1.0
 #: What `ssh` may be given as its destination; never an option.
-_HOST = re.compile(r"[^\s\x00-\x1f\x7f-\x9f-][^\s\x00-\x1f\x7f-\x9f]*")
+_HOST = re.compile(r"[^\s-][^\s]*")
 _READY, _DENIED, _NONE = "etd:ready", "etd:denied", "etd:none"
 _PROBE = """
 if [ -w {control} ]; then echo {ready}
@@ -64,7 +64,7 @@ class SshWay:
     is_here = False
 
     def __init__(self, host: str, name: str, address: str | None = None) -> None:
-        if not _HOST.fullmatch(host):
+        if not _HOST.fullmatch(host) or not host.isprintable():
             raise Refused("bad_message", f"host={host!r}: give a host that ssh knows, or user@host")
         remote = _remote_folder(name, address)
         self.place = f"{host}:{remote}"
