@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etd import DaemonGone, Display, EtdError, PatternError
 from etd.cli import status, stop
 from etd.files.calibration import load_calibration
 from etd.files.resources import find
 from etd.gateway.inbound import InboundMessage, Unreadable, read_request
-from etd import DaemonGone, Display, EtdError, PatternError
 from etd.protocol.calibration import Calibration
 from etd.protocol.messages import Halt, StateReport, Stop
 from etd.protocol.text import MOST_SHOWN, shown
