@@ -20,7 +20,7 @@ from etd.cli.extras import check_fake
 from etd.cli.options import PRIVATE_TIMEOUT_FACTOR
 from etd.files.configuration import LoadedConfig
 from etd.files.paths import prepare_runtime
-from etd.protocol.errors import DaemonGone, PartEnded, Refused
+from etd.protocol.errors import NO_TIME, DaemonGone, PartEnded, Refused
 
 if TYPE_CHECKING:
     from etd.cli.process_pair import ProcessPair
@@ -91,8 +91,6 @@ def termination_as_ctrl_c() -> Iterator[None]:
 @contextmanager
 def _death_explains(both: ProcessPair) -> Iterator[None]:
     """Where a client is refused or not answered because a part died, report the dead part."""
-    from etd.cli.process_pair import NO_TIME
-
     try:
         yield
     except Refused as error:

@@ -26,13 +26,11 @@ import zmq
 from etd.client import clock
 from etd.client.telemetry import Telemetry
 from etd.files.paths import TELEMETRY, address_of, sibling_address
-from etd.protocol.errors import DaemonGone, PartEnded
+from etd.protocol.errors import NO_TIME, DaemonGone, PartEnded
 
 PARTS = ("engine", "gateway")
 #: From start to ready; an engine takes a second or two on a small machine.
 READY_WITHIN_S = 20.0
-#: To whoever has started the processes of a daemon that is not ready, or does not answer.
-NO_TIME = "its processes run, but were held up: start it again on a machine that has time for them"
 #: From the signal to the end; the engine makes the board safe meanwhile.
 _END_WITHIN_S = 5.0
 #: Between a part's sockets closing and its end as a process.
