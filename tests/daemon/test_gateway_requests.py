@@ -5,12 +5,9 @@ Owns: what is passed on, what is answered, and who may ask.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +16,11 @@ import pytest
 import zmq
 
 from etd.files.calibration_folder import MOST_FILE_BYTES, CalibrationFolder
-from etd.gateway.config import GatewayConfig, Operators
+from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import digest_of
-from etd.protocol.errors import AlreadyRunning, FileError, Refused
+from etd.protocol.errors import AlreadyRunning, FileError
 from etd.protocol.link import (
     Answer,
     ArmBoard,
@@ -40,10 +37,7 @@ from etd.protocol.link import (
 from etd.protocol.messages import Halt
 from etd.protocol.outcome import Clamp
 from gateway_rig import GatewayRig, HandClock
-from raw_client import connected, hello, part
 from scripted_engine import engine_hello
-
-STRANGER = 65_533
 
 CALIBRATION: dict[str, Any] = {
     "participant": "P01",
@@ -362,76 +356,6 @@ def test_the_fakes_own_calibrations_are_offered_to_the_fake_only(tmp_path: Path)
     with GatewayRig(engine_hello(backend="linux"), shipped_calibrations=shipped) as rig:
         assert rig.call(op="hello")["calibrations"] == []
         assert rig.call(op="open", client="a", calibration="fake-fingertip")["error"] == "not_found"
-
-
-@contextmanager
-def as_stranger(rig: GatewayRig) -> Iterator[Callable[[str], dict[str, Any]]]:
-    """A request from a connection that another user has made, and its reply."""
-    path = rig.folder / "control.sock"
-    for place, mode in ((rig.folder.parent, 0o755), (rig.folder, 0o755), (path, 0o666)):
-        place.chmod(mode)
-    os.seteuid(STRANGER)
-    try:
-        theirs = connected(path)
-    finally:
-        os.seteuid(0)
-
-    def call(op: str) -> dict[str, Any]:
-        theirs.send(part(json.dumps({"op": op}).encode()))
-        got = b""
-
-        def is_whole() -> bool:
-            nonlocal got
-            with contextlib.suppress(BlockingIOError):
-                got += theirs.recv(65_536)
-            return b'{"ok"' in got and got.endswith(b"}")
-
-        rig.until(is_whole)
-        reply = json.loads(got[got.index(b'{"ok"') :])
-        assert isinstance(reply, dict)
-        return reply
-
-    with theirs:
-        theirs.send(hello("DEALER"))
-        yield call
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user")
-def test_only_operators_arm_and_clear() -> None:
-    with GatewayRig(operators=(str(STRANGER + 1),)) as rig, as_stranger(rig) as theirs:
-        for op in ("arm", "clear"):
-            reply = theirs(op)
-            assert reply["error"] == "not_permitted"
-            assert str(STRANGER) in reply["reason"]
-        assert rig.engine.heard == []
-        assert theirs("stop")["ok"], "everybody may stop"
-    with GatewayRig(operators=(str(STRANGER),)) as rig, as_stranger(rig) as theirs:
-        assert theirs("arm")["ok"]
-
-
-@pytest.mark.parametrize("uid", [0, os.geteuid()], ids=["root", "the gateway's own user"])
-def test_who_has_the_gateways_files_anyhow_operates_too(uid: int) -> None:
-    """One rule for arming, clearing and records."""
-    operators = Operators((str(STRANGER),))
-    assert operators.is_one(uid)
-    operators.check(uid)
-    with pytest.raises(Refused, match="no operate rights"):
-        operators.check(STRANGER + 1)
-    with pytest.raises(Refused, match="no operate rights"):
-        operators.check(None)
-
-
-def test_of_operators_by_name_the_gateways_own_user_arms() -> None:
-    with GatewayRig(operators=(str(STRANGER),)) as rig:
-        assert rig.call(op="arm")["ok"]
-
-
-def test_an_unknown_operator_is_refused_at_start(tmp_path: Path) -> None:
-    config = GatewayConfig(
-        name="x", runtime_folder=tmp_path, state_dir=tmp_path, operators=("nobody-of-that-name",)
-    )
-    with pytest.raises(FileError, match="no user 'nobody-of-that-name'"):
-        Gateway(config, HandClock())
 
 
 def test_a_second_daemon_of_the_name_is_refused_and_the_first_goes_on() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from etd import DaemonGone, Display
-from etd.cli import process_pair
 from etd.cli.private_daemon import answer_within_s, private_daemon
+from etd.cli.process_pair import ProcessPair
 from etd.files.configuration import fake_config
 
 pytestmark = pytest.mark.slow
@@ -21,15 +23,14 @@ def test_its_timeouts_are_as_long_as_was_asked(given: int | None, factor: int) -
         assert display.status().timeout_factor == factor
 
 
-def test_a_daemon_that_is_slow_to_start_does_not_ask_whether_it_runs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(process_pair, "READY_WITHIN_S", 0.0)
+def test_a_daemon_that_is_slow_to_start_does_not_ask_whether_it_runs(tmp_path: Path) -> None:
+    arguments = ("--folder", str(tmp_path), "--board", "fake")
     with (
+        open(tmp_path / "log", "w", encoding="utf-8") as log,
+        ProcessPair(arguments, tmp_path, log) as both,
         pytest.raises(DaemonGone, match=r"not ready within 0 s.*held up.*has time") as told,
-        private_daemon("play", fake_config(array="pad-8")),
     ):
-        pass
+        both.wait_until_ready(0.0)
     assert "is the daemon running" not in str(told.value)
 
 

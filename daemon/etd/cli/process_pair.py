@@ -118,13 +118,13 @@ class ProcessPair:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def wait_until_ready(self) -> None:
+    def wait_until_ready(self, within_s: float = READY_WITHIN_S) -> None:
         """Return when a client that connects finds an engine. Raises: PartEnded, DaemonGone."""
-        deadline_ns = clock.now_ns() + int(READY_WITHIN_S * 1e9)
+        deadline_ns = clock.now_ns() + int(within_s * 1e9)
         while not all(part.is_ready for part in self._parts):
             left_s = _left_s(deadline_ns)
             if left_s <= 0:
-                what = f"the daemon was not ready within {READY_WITHIN_S:g} s"
+                what = f"the daemon was not ready within {within_s:g} s"
                 raise DaemonGone(self.address, what, NO_TIME)
             self._look(left_s)
             self.check()
