@@ -105,7 +105,10 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("`window_ms` of the heartbeat", f"{SILENT_MS} ms on a board without one",
          ms(stopper.COUNTED_NS)),
     ),
-    "whether the engine is alive": ((f"every {ms(_CHECKED)},",), (f"within {P50_MS:g} ms, each within {MOST_MS:g} ms",)),
+    "whether the engine is alive": (
+        (f"every {ms(_CHECKED)},",),
+        (f"within {P50_MS:g} ms, each within {MOST_MS:g} ms",),
+    ),
     "how the last engine ended": ((), ()),
     "the register of the switches": ((), ()),
     "the rail": ((), ()),
