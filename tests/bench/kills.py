@@ -79,7 +79,7 @@ class ProcessKills:
     window_ms: float = 0.0
     #: The longest that a stopper was kept from its next check.
     held_up_ms: float = 0.0
-    #: Kills of an engine that this machine had halted before: they tell nothing.
+    #: Engines that this machine had halted before, or whose lease it had ended: they tell nothing.
     halted_before: int = 0
     wrong: list[str] = field(default_factory=list)
 
@@ -122,6 +122,8 @@ def processes(kills: int, tell: Any, seed: int = _SEED, silences: int = 0) -> Pr
             if number % _TOLD_EVERY == 0:
                 tell(f"processes: {number} of {kills}")
             killed_ns = engines.end_one(signal.SIGKILL)
+            if killed_ns is None:
+                continue
             if number % _SAFE_EVERY == 0:
                 _make_safe(safe.socket)
                 found.without_ms.append((clock.now_ns() - killed_ns) / 1e6)
@@ -131,6 +133,8 @@ def processes(kills: int, tell: Any, seed: int = _SEED, silences: int = 0) -> Pr
             if number % _TOLD_EVERY == 0:
                 tell(f"silent processes: {number} of {silences}")
             stopped_ns = engines.end_one(signal.SIGSTOP)
+            if stopped_ns is None:
+                continue
             heed_silence(_told_by_stopper(folder), engines.armed_ns, stopped_ns, found)
             engines.wait()
     return found
@@ -147,9 +151,9 @@ class _Engines:
     #: When the last one was armed.
     armed_ns: int = 0
 
-    def end_one(self, how: signal.Signals) -> int:
+    def end_one(self, how: signal.Signals) -> int | None:
         """An engine from its start to this signal; when that was. One that was stopped is killed
-        once it must have been made safe.
+        once it must have been made safe. None: it did not get so far, and is gone.
         """
         was_left = (self.folder / kills_engine.NOTE).exists()
         self.nursery.stdin.write(b"start\n")
@@ -166,7 +170,11 @@ class _Engines:
                 self.found.wrong.append("a crash was not remembered, or one that was none")
             _arm(display, self.folder)
             self.armed_ns = clock.now_ns()
-            display.show_current((_CURRENT_UA,) * _ELECTRODES, rate_hz=10.0, ttl_ms=1_000)
+            try:
+                display.show_current((_CURRENT_UA,) * _ELECTRODES, rate_hz=10.0, ttl_ms=1_000)
+            except Refused:
+                self._give_up(pid)
+                return None
             clock.sleep_s(self.chance.random() * 0.3)
             ended_ns = clock.now_ns()
             os.kill(pid, how)
@@ -174,6 +182,13 @@ class _Engines:
                 clock.sleep_s(self.found.window_ms / 1e3 + _STOPPED_FOR_S)
                 os.kill(pid, signal.SIGKILL)
         return ended_ns
+
+    def _give_up(self, pid: int) -> None:
+        """Of an engine that this machine did not let pulse: its gateway was too late."""
+        os.kill(pid, signal.SIGKILL)
+        _told_by_stopper(self.folder)
+        self.wait()
+        self.found.halted_before += 1
 
     def wait(self) -> None:
         """Until it is gone. Raises: OSError, where it does not end."""

@@ -30,8 +30,8 @@ from fuzz.target import Target  # noqa: E402
 from fuzz.targets import TARGETS  # noqa: E402
 
 _WORKER = Path(__file__).with_name("worker.py")
-#: After a change of decoders their targets are fuzzed for so long together at least, and each of them
-#: for so long; then they are known to be clean.
+#: After a change of decoders their targets are fuzzed for so long together at least, and each of
+#: them for so long; then they are known to be clean.
 AFTER_A_CHANGE_S, EACH_AFTER_A_CHANGE_S = 600, 60
 #: Instrumenting, seeds, and an input that hangs: beyond its time.
 _GRACE_S = 300
