@@ -45,7 +45,7 @@ from campaign.scenes import BOARDS  # noqa: E402
 from etd.client import Display, clock  # noqa: E402
 from etd.files.paths import CONTROL, address_of  # noqa: E402
 from etd.files.resources import find  # noqa: E402
-from etd.protocol.errors import Refused  # noqa: E402
+from etd.protocol.errors import DaemonGone, Refused  # noqa: E402
 from etd_hal.board_lines import window_ms  # noqa: E402
 from etd_hal.boardfile import load_board  # noqa: E402
 
@@ -102,7 +102,7 @@ def operations(kills: int, tell: Any, seed: int = _SEED) -> dict[str, Lives]:
 
 def processes(kills: int, tell: Any, seed: int = _SEED, silences: int = 0) -> ProcessKills:
     """So many engines are killed, and so many others stopped. Raises: OSError, TimeoutError where
-    the machine does not grant it.
+    the machine does not grant it, DaemonGone where it is too busy for the gateway.
     """
     found, chance = ProcessKills(), random.Random(seed)
     with tempfile.TemporaryDirectory(prefix="etd-kills-") as temporary, ExitStack() as stack:
@@ -363,7 +363,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         silences = 0 if args.part == "process" else args.silences
         try:
             kills = processes(killed, tell, args.seed, silences)
-        except (OSError, TimeoutError) as error:
+        except (OSError, TimeoutError, DaemonGone) as error:
             print(f"processes cannot be killed here: {error}", file=sys.stderr)
             return 3
     if args.json:

@@ -18,6 +18,7 @@ from bench.kills import (
 )
 from bench.kills_operations import KilledEngines, Lives
 from campaign.scenes import BOARDS
+from etd.protocol.errors import DaemonGone
 
 QUICK = ProcessKills(with_ms=[0.5] * 9 + [19.0], held_up_ms=1.0)
 
@@ -57,7 +58,7 @@ def test_what_is_wrong_in_a_life_is_told(tmp_path: Path) -> None:
 def test_real_processes_are_safe_in_time(tmp_path: Path) -> None:
     try:
         found = processes(2, lambda _: None)
-    except (OSError, TimeoutError) as error:
+    except (OSError, TimeoutError, DaemonGone) as error:
         pytest.skip(str(error))
     assert found.wrong == []
     assert len(found.with_ms) + found.halted_before == 2
@@ -68,7 +69,7 @@ def test_real_processes_are_safe_in_time(tmp_path: Path) -> None:
 def test_a_real_engine_that_is_stopped_is_cut_off_before_it_is_killed(tmp_path: Path) -> None:
     try:
         found = processes(0, lambda _: None, silences=2)
-    except (OSError, TimeoutError) as error:
+    except (OSError, TimeoutError, DaemonGone) as error:
         pytest.skip(str(error))
     assert found.wrong == []
     assert (found.with_ms, found.without_ms) == ([], [])
