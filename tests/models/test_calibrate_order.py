@@ -274,7 +274,7 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
     """After eight electrodes, or half of them."""
     skin = NoisySkin(16, 31)
     progress = Progress(conditions=replace(CONDITIONS, electrodes=electrodes), seed=5)
-    drifts: list[float] = []
+    drifts: list[tuple[float, bool]] = []
     found: dict[int, object] = {}
 
     def drift(_: int) -> None:
@@ -284,11 +284,16 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
             skin.pain_ua = [5.0 * value for value in skin.pain_ua]
 
     skin.pain_ua = [5.0 * value for value in skin.pain_ua]
-    Course(progress, skin, Person(skin), lambda: TODAY, on_found=drift, on_drift=drifts.append).run(
-        range(electrodes)
-    )
+    Course(
+        progress,
+        skin,
+        Person(skin),
+        lambda: TODAY,
+        on_found=drift,
+        on_drift=lambda *told: drifts.append(told),
+    ).run(range(electrodes))
     assert progress.drift == pytest.approx(times - 1.0, abs=0.1)
-    assert drifts == ([progress.drift] if times > 1.0 else [])
+    assert drifts == ([(progress.drift, False)] if times > 1.0 else [])
     (first,) = found
     assert progress.found[first] == found[first], "its figures stay"
     assert progress.missing == ()
