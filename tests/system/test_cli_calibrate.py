@@ -10,7 +10,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 
 import msgspec
@@ -36,7 +35,7 @@ def rig() -> Iterator[CommandRig]:
 OF_LIMITS = ("--method", "limits", "--seed", str(SEED))
 ON_FAKE = ("--board", "fake", "--array", "pad-8")
 #: Clients wait for two seconds.
-HELD_UP_S = 3.5
+HELD_UP_S = "3.5"
 ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8",
              *OF_LIMITS)  # fmt: skip
 
@@ -311,7 +310,7 @@ def test_its_own_daemon_may_be_held_up_longer_than_clients_wait_for_another(
         at.answer("nn")
         gateway = at.command.children()["gateway"]
         os.kill(gateway, signal.SIGSTOP)
-        time.sleep(HELD_UP_S)
+        subprocess.run(["sleep", HELD_UP_S], check=True)
         os.kill(gateway, signal.SIGCONT)
         at.answer("n ")
         said = at.command.ended()

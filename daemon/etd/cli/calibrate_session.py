@@ -267,10 +267,7 @@ def _rest_after(drift: float, is_least: bool) -> str:
         first = f"The first electrode is not felt up to its cap now: risen by {risen}."
     else:
         first = f"The first electrode's threshold has {drift_in_words(drift, is_least=False)}."
-    return (
-        f"{first}\n"
-        "Rest for five minutes: q, and later the same command."
-    )
+    return f"{first}\nRest for five minutes: q, and later the same command."
 
 
 def _today() -> datetime.date:
