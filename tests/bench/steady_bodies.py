@@ -1,10 +1,11 @@
 """`make bench-steady`: every law on every body, gain and harm side by side.
 
 Owns: what is played, in which order, and how it is shown. What is felt is modelled: nobody is
-measured. Exit status 1 where a law that ships or is recommended is out of bounds on any body, or
-was not played; and, in the whole form, where the law by the finger's own k does not halve the
-variation of the body whose feeling follows resistance. A run that was cut continues where it
-stopped.
+measured. Exit status 1 where a law is out of bounds on a body that is not among its documented
+exclusions (`steady_exclusions.toml`); where one that ships or is recommended has any, is out on any
+body, or was not played; where what was asked for was not all played; and, in the whole form, where
+the law by the finger's own k does not halve the variation of the body whose feeling follows
+resistance. A run that was cut continues where it stopped.
 Must not know: how a run is made, how a figure is counted, what is out of bounds.
 """
 
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict
 from itertools import product
@@ -27,11 +28,28 @@ from rich.console import Console  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from bench import steady_docs  # noqa: E402
+from bench import steady_docs, steady_opening  # noqa: E402
 from bench.run import Bound  # noqa: E402
 from bench.steady_cells import KEPT, Cell, Form  # noqa: E402
+from bench.steady_exclusions import (  # noqa: E402
+    Excluded,
+    back_in,
+    documented,
+    free_of_exclusions,
+    not_excluded,
+)
 from bench.steady_figures import SteadyFigures  # noqa: E402
-from bench.steady_harm import BOUND, MOST_TIMES, Harm, exclusions, halved, harms, held  # noqa: E402
+from bench.steady_harm import (  # noqa: E402
+    BOUND,
+    MOST_TIMES,
+    Harm,
+    OfFinger,
+    exclusions,
+    halved,
+    harms,
+    held,
+    worst_fingers,
+)
 from bench.steady_laws import (  # noqa: E402
     CONTACT,
     CONTACT_AHEAD,
@@ -107,8 +125,12 @@ def _said(found: SteadyFigures) -> str:
     )
 
 
-def show(console: Console, made: Sequence[Harm], said: str) -> None:
-    """Laws x bodies, worst first in both directions; then each that is out, worst first."""
+def show(
+    console: Console, made: Sequence[Harm], said: str, fingers: Sequence[OfFinger] = ()
+) -> None:
+    """Laws x bodies, worst first in both directions; then each that is out, worst first; then the
+    worst of several fingers, law by law.
+    """
     bodies = sorted(
         BodyKind, key=lambda body: -sum(harm.is_out for harm in made if harm.body is body)
     )
@@ -128,6 +150,9 @@ def show(console: Console, made: Sequence[Harm], said: str) -> None:
     for harm in made:
         if harm.is_out:
             console.print(steady_docs.harm_said(harm))
+    for one in fingers:
+        of = f"{one.harm.law}, worst finger: {one.seed} on {one.harm.body}"
+        console.print(f"{of}, {steady_docs.times_said(one.harm)} times no law's")
 
 
 def _cell(harm: Harm | None) -> str:
@@ -149,15 +174,41 @@ def conditions(form: Form, seeds: Sequence[int], ran: int, wanted: int) -> str:
     )
 
 
+def judged(
+    form: str, made: Sequence[Harm], known: Mapping[str, Excluded], left: int
+) -> list[Bound]:
+    """What must hold of any run. `left`: of the runs that were asked for, those not played."""
+    all_played = Bound("runs that were not played", left, 0.0, is_met=not left)
+    harmless = [*not_excluded(made, form, known), *free_of_exclusions(known), *held(made)]
+    return [all_played, *harmless]
+
+
 def verdict(console: Console, bounds: Sequence[Bound]) -> bool:
-    """Whether all of what must hold does; what does not is told."""
+    """Whether all of what must hold does; each is told."""
     for bound in bounds:
         met = "[green]met[/]" if bound.is_met else "[red]NOT MET[/]"
-        if not bound.is_met or len(bounds) == 1:
-            console.print(f"{met}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+        console.print(f"{met}  {bound.what}: {bound.value:g} (bound {bound.bound:g})")
+    is_held = all(bound.is_met for bound in bounds)
     if not BOUND:
-        console.print("No law ships switched on, and none is recommended: no harm is bound.")
-    return all(bound.is_met for bound in bounds)
+        console.print("No law ships switched on, and none is recommended.")
+    if is_held:
+        console.print("No law is out of bounds on a body that is not among its exclusions.")
+    return is_held
+
+
+def write_docs(
+    page: Path,
+    readme: Path,
+    form: str,
+    made: Sequence[Harm],
+    said: str,
+    fingers: Sequence[OfFinger],
+    known: Mapping[str, Excluded],
+) -> None:
+    """The form's table, the exclusions, and what both files open with. Raises: ValueError."""
+    steady_docs.write_harms(page, form, made, said, fingers)
+    steady_docs.write_exclusions(page, known)
+    steady_opening.write(page, readme)
 
 
 def main() -> int:
@@ -174,29 +225,44 @@ def main() -> int:
     )
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
     parser.add_argument(
-        "--write-docs", action="store_true", help="write what was found into docs/stabilization.md"
+        "--write-docs",
+        action="store_true",
+        help="write what was found, of all laws and bodies, into page and README",
     )
     args = parser.parse_args()
     form = SHORT if args.short else FULL
     seeds = args.seeds or list(LOOKED_AT if args.short else SEEDS)
-    only = args.only or list(FOR_SHORT if args.short else FULL_LAWS)
+    all_laws = FOR_SHORT if args.short else FULL_LAWS
+    only = args.only or list(all_laws)
+    if args.write_docs and (set(all_laws) - set(only) or set(BodyKind) - set(args.bodies)):
+        parser.error("--write-docs is for all laws of the form on all bodies")
     laws = [*only, *(law for law in BOUND if law not in only)]
+    known = documented()
     wanted = cells(form, laws, args.bodies, seeds)
     found = play(wanted, processes=args.processes, within_s=args.within * 60.0)
     made = harms(found)
     played = sorted({seed for _, _, seed in found})
     said = conditions(form, played, len(found), len(wanted))
-    bounds = held(made)
+    fingers = worst_fingers(found) if len(played) > 1 else []
+    bounds = judged(form.name, made, known, len(set(wanted)) - len(found))
     if form is FULL and not args.only:
         bounds.append(halved(made))
     console = Console(width=None if sys.stdout.isatty() else 210)
     if args.json:
-        plain = {"conditions": said, "harms": [asdict(harm) for harm in made]}
-        print(msgspec.json.encode(plain | {"bounds": [asdict(bound) for bound in bounds]}).decode())
+        plain = {
+            "conditions": said,
+            "harms": [asdict(harm) for harm in made],
+            "worst_fingers": [asdict(one) for one in fingers],
+            "bounds": [asdict(bound) for bound in bounds],
+            "excluded_and_within_bounds": back_in(made, form.name, known),
+        }
+        print(msgspec.json.encode(plain).decode())
     else:
-        show(console, made, said)
+        show(console, made, said, fingers)
+        for told in back_in(made, form.name, known):
+            console.print(told)
     if args.write_docs:
-        steady_docs.write_harms(steady_docs.PAGE, form.name, made, said)
+        write_docs(steady_docs.PAGE, steady_opening.README, form.name, made, said, fingers, known)
     is_held = verdict(Console(stderr=True) if args.json else console, bounds)
     return 0 if is_held else 1
 

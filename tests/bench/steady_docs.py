@@ -1,17 +1,19 @@
 """What a run of the benchmark says in the docs: its table, its conditions, what was met.
 
-Owns: the part of docs/stabilization.md between two marks, which nobody writes by hand.
+Owns: the parts of docs/stabilization.md between two marks, which nobody writes by hand; the
+sentences that it opens with are `steady_opening.py`'s.
 Must not know: how a run is made, how a figure is counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bench.run import Bound
+from bench.steady_exclusions import Excluded
 from bench.steady_figures import SteadyFigures
-from bench.steady_harm import Harm, exclusions
+from bench.steady_harm import Harm, OfFinger, exclusions
 from etd_body.kinds import BodyKind
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "stabilization.md"
@@ -21,6 +23,8 @@ HARMS = {
     "full": ("<!-- written by make bench-steady -->\n", "<!-- so far, full -->\n"),
     "short": ("<!-- written by make bench-steady ARGS=--short -->\n", "<!-- so far, short -->\n"),
 }
+#: The documented ones.
+EXCLUSIONS = ("<!-- written from steady_exclusions.toml -->\n", "<!-- so far, excluded -->\n")
 COLUMNS = (
     *("felt", "over time", "over electrodes", "not felt", "above pain (scans)", "most pain"),
     *("touching again", "(mean)", "(above 1.2)", "(within 7 s)"),
@@ -51,10 +55,37 @@ def write(page: Path, found: Sequence[SteadyFigures], held: Sequence[Bound], sai
     put(page, _BEGIN, _part(found, held, said), _END)
 
 
-def write_harms(page: Path, form: str, made: Sequence[Harm], said: str) -> None:
-    """What laws gave and took on all bodies. Raises: ValueError, where the marks are not there."""
+def write_harms(
+    page: Path, form: str, made: Sequence[Harm], said: str, fingers: Sequence[OfFinger] = ()
+) -> None:
+    """What laws gave and took on all bodies, and on the worst `fingers` where there are several.
+    Raises: ValueError, where the marks are not there.
+    """
     begin, end = HARMS[form]
-    put(page, begin, _harms_part(made, said), end)
+    put(page, begin, _harms_part(made, said) + _fingers_part(fingers), end)
+
+
+def write_exclusions(page: Path, known: Mapping[str, Excluded]) -> None:
+    """The documented ones, as a table. Raises: ValueError, where the marks are not there."""
+    head = (
+        "| law | out of bounds with 64 electrodes on | with 8 (short form) on | why |\n"
+        f"|{'---|' * 4}\n"
+    )
+    rows = (
+        f"| `{law.removesuffix(', own k')}`{excluded.by and f', {excluded.by}'}"
+        f" | {_listed(excluded.full)} | {_listed(excluded.short)} | {excluded.why} |\n"
+        for law, excluded in known.items()
+    )
+    put(page, EXCLUSIONS[0], f"\n{head}{''.join(rows)}\n", EXCLUSIONS[1])
+
+
+def _listed(bodies: Sequence[BodyKind] | None) -> str:
+    if bodies is None:
+        return "not played"
+    others = [body for body in BodyKind if body not in bodies]
+    if len(others) < len(BodyKind) // 2:
+        return f"all but {', '.join(f'`{body}`' for body in others)}" if others else "all"
+    return ", ".join(f"`{body}`" for body in bodies) or "none"
 
 
 def harm_said(harm: Harm) -> str:
@@ -69,12 +100,21 @@ def harm_said(harm: Harm) -> str:
 
 def put(page: Path, begin: str, part: str, end: str) -> None:
     """Between two marks. Raises: ValueError, where they are not there."""
-    text = page.read_text(encoding="utf-8")
-    before, has_begin, rest = text.partition(begin)
-    _, has_end, after = rest.partition(end)
-    if not (has_begin and has_end):
-        raise ValueError(f"{page} has lost its marks: {begin!r} and {end!r}")
+    before, _, after = _parted(page.read_text(encoding="utf-8"), begin, end, str(page))
     page.write_text(before + begin + part + end + after, encoding="utf-8")
+
+
+def between(text: str, begin: str, end: str) -> str:
+    """What stands between two marks. Raises: ValueError, where they are not there."""
+    return _parted(text, begin, end, "the page")[1]
+
+
+def _parted(text: str, begin: str, end: str, name: str) -> tuple[str, str, str]:
+    before, has_begin, rest = text.partition(begin)
+    part, has_end, after = rest.partition(end)
+    if not (has_begin and has_end):
+        raise ValueError(f"{name} has lost its marks: {begin!r} and {end!r}")
+    return before, part, after
 
 
 def _harms_part(made: Sequence[Harm], said: str) -> str:
@@ -91,6 +131,25 @@ def _harms_part(made: Sequence[Harm], said: str) -> str:
         shown = (_harm_cell(by_both.get((law, body))) for body in bodies)
         rows.append(f"| {law} | {' | '.join(shown)} |\n")
     return f"\n{said[:1].upper()}{said[1:]}:\n\n{head}{''.join(rows)}\n"
+
+
+def _fingers_part(fingers: Sequence[OfFinger]) -> str:
+    if not fingers:
+        return ""
+    lines = [
+        f"- {one.harm.law}: {times_said(one.harm)} on `{one.harm.body}`, finger {one.seed}\n"
+        for one in fingers
+    ]
+    return (
+        "The worst single finger of each law, in times of no law's: variation, not felt, scans"
+        f" above pain.\n\n{''.join(lines)}\n"
+    )
+
+
+def times_said(harm: Harm) -> str:
+    """Of no law's; where there is nothing without a law, and something with it, `inf`."""
+    times = (harm.variation_times, harm.not_felt_times, harm.pain_times)
+    return ", ".join(f"{value:.2f}" for value in times)
 
 
 def _harm_cell(harm: Harm | None) -> str:

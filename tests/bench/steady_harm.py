@@ -121,6 +121,29 @@ def harms(found: Mapping[tuple[BodyKind, str, int], SteadyFigures]) -> list[Harm
     return sorted(made, key=lambda harm: (-harm.worst, -harm.variation_times, harm.law, harm.body))
 
 
+@dataclass(frozen=True)
+class OfFinger:
+    """What a bound of several fingers does not show: one of them alone."""
+
+    seed: int
+    harm: Harm
+
+
+def worst_fingers(found: Mapping[tuple[BodyKind, str, int], SteadyFigures]) -> list[OfFinger]:
+    """Of each law the finger, on whichever body, that it is worst for; the worst law first."""
+    seeds = sorted({seed for _, _, seed in found})
+    each = [
+        OfFinger(seed, harm)
+        for seed in seeds
+        for harm in harms({key: figures for key, figures in found.items() if key[2] == seed})
+    ]
+    each.sort(key=lambda one: (-one.harm.worst, -one.harm.variation_times))
+    by_law: dict[str, OfFinger] = {}
+    for one in each:
+        by_law.setdefault(one.harm.law, one)
+    return list(by_law.values())
+
+
 def exclusions(made: Iterable[Harm]) -> dict[str, list[BodyKind]]:
     """{law: the bodies that it is out of bounds on}, those with the most first."""
     out: dict[str, list[BodyKind]] = {}

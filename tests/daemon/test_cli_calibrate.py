@@ -103,6 +103,18 @@ def test_keys_of_another_question_and_unknown_ones_are_no_answer(typed: Typed) -
     assert typed.heard == [None, None, None, None, "felt"]
 
 
+@pytest.mark.parametrize("key", [b"\x1b[A", b"\x1bOD", b"\x1b[3~", b"\x1b[1;5C", b"\x1b[A\x1b[B"])
+def test_an_arrow_is_no_stop_though_it_begins_as_escape_does(typed: Typed, key: bytes) -> None:
+    assert typed.answer("strength", key + b"f")[0] == "felt"
+
+
+@pytest.mark.parametrize(
+    "keys", [b"\x1b ", b"\x1bf", b"\x1b[", b"\x1b\x1b", b"\x1b[ ", b"\x1b[1\x1b"]
+)
+def test_escape_and_whatever_else_is_pressed_is_a_stop(typed: Typed, keys: bytes) -> None:
+    assert typed.answer("strength", keys)[0] == "stop"
+
+
 def test_while_nobody_answers_the_lease_is_kept(typed: Typed) -> None:
     assert typed.answer() == ("felt", 2)
 

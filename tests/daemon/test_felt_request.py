@@ -12,6 +12,8 @@ import pytest
 from etd import AsyncDisplay, Display, Refused
 from etd.apps.monitor import Monitor
 from etd.cli.keys import keys_of
+from etd.cli.monitor import draw
+from etd.client.telemetry import Item
 from etd.gateway.journal import Journal
 from etd.gateway.replies import hello
 from etd.protocol.carried import CarriedOver
@@ -150,6 +152,14 @@ def test_where_hardly_anything_is_left_it_is_said_what_brings_it_back() -> None:
     assert "said x0.00-1.00, hardly anything is left, until disarmed" in monitor.line()
     monitor.hear(report(facts(factors=(0.19, 1.0))))
     assert "hardly" not in monitor.line()
+
+
+def test_each_press_in_the_monitor_is_said_however_fast_reports_come() -> None:
+    keys = iter(["", "--", "x-"])
+    with ServedRig() as rig, Display(address=rig.address, client="me") as display:
+        reports: list[Item | None] = [("state", report(None))] * 3
+        draw(display, iter(reports), lambda: next(keys))
+        assert [command.answer for command in said(rig)] == ["too_strong"] * 3
 
 
 def test_keys_are_read_of_a_terminal_only() -> None:

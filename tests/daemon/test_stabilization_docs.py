@@ -1,7 +1,7 @@
 """docs/stabilization.md against the settings, the shipped files and the program that writes in it.
 
-Owns: the table that the page tells to append, the list of laws, which are on and which are
-recommended, and the marks.
+Owns: the table that the page tells to append, the list of laws, which are on, which are recommended
+and where each is excluded, the worst that page and README open with, and the marks.
 Must not know: what a law does, what came out of a benchmark.
 """
 
@@ -13,15 +13,18 @@ from typing import get_args
 
 import pytest
 
-from bench import steady_docs
+from bench import steady_docs, steady_opening
+from bench.steady_exclusions import documented
 from bench.steady_harm import RECOMMENDED
 from etd.files.body_site import load_body_site
 from etd.stabilize.settings import NO_STABILIZERS, Name
+from etd_body.kinds import BodyKind
 
 REPOSITORY = Path(__file__).parents[2]
 SITES = sorted((REPOSITORY / "config" / "bodysites").glob("*.toml"))
 PAGE = REPOSITORY / "docs" / "stabilization.md"
 TEXT = PAGE.read_text(encoding="utf-8")
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("site", SITES, ids=lambda site: str(site.stem))
@@ -78,10 +81,25 @@ def test_the_page_recommends_what_the_benchmark_binds() -> None:
     assert said == (", ".join(f"`{law}`" for law in RECOMMENDED) or "none")
 
 
-def test_readme_and_page_open_with_the_worst_of_the_table() -> None:
-    """The most variation that a law left on any body, and the most in times of no law's."""
-    table = TEXT.partition(steady_docs.HARMS["full"][0])[2].partition(steady_docs.HARMS["full"][1])
-    head, _, plain, *laws = re.findall(r"^\| ?(.*?) ?\|$", table[0], re.MULTILINE)
+@pytest.mark.parametrize("form", steady_docs.HARMS)
+def test_readme_and_page_open_with_the_worst_of_both_tables(form: str) -> None:
+    """The most variation that a law left on any body, first that of the worse form; in the page
+    also the most in times of no law's. `make bench-steady ARGS=--write-docs` writes them.
+    """
+    of_forms = {form: compared(form) for form in steady_docs.HARMS}
+    opening = TEXT.partition("**The worst, first**")[2].partition("**No law is on")[0]
+    for text in (opening, README.partition("\n## ")[0]):
+        said = re.findall(r"from (\d+) to (\d+) %", " ".join(text.split()))
+        most = tuple(map(str, max(of_forms[form])[::-1]))
+        assert most in said
+        assert said[0] == tuple(map(str, max(max(found) for found in of_forms.values())[::-1]))
+    with_law, before = max(of_forms[form], key=lambda one: one[0] / one[1])
+    assert f"from {before} to {with_law} %" in " ".join(opening.split())
+
+
+def compared(form: str) -> list[tuple[int, int]]:
+    """Variation with and without a law, of each cell of a form's table."""
+    head, _, plain, *laws = table(form)
     without = [percent(cell) for cell in plain.split(" | ")[1:]]
     found = [
         (with_law, before)
@@ -90,13 +108,54 @@ def test_readme_and_page_open_with_the_worst_of_the_table() -> None:
         if with_law is not None and before is not None
     ]
     assert len(found) > 5 * head.count(" | ")
-    most = max(found)
-    opening = TEXT.partition("**The worst, first**")[2].partition("**No law is on")[0]
-    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    for text in (opening, readme.partition("\n## ")[0]):
-        assert f"from {most[1]} to {most[0]} %" in " ".join(text.split())
-    with_law, before = max(found, key=lambda one: one[0] / one[1])
-    assert f"from {before} to {with_law} %" in " ".join(opening.split())
+    return found
+
+
+def table(form: str) -> list[str]:
+    """Its lines, without the bars around them."""
+    begin, end = steady_docs.HARMS[form]
+    return re.findall(r"^\| ?(.*?) ?\|$", TEXT.partition(begin)[2].partition(end)[0], re.MULTILINE)
+
+
+def test_what_readme_and_page_open_with_is_as_the_benchmark_writes_it(tmp_path: Path) -> None:
+    page, readme = tmp_path / PAGE.name, tmp_path / "README.md"
+    page.write_text(TEXT, encoding="utf-8")
+    readme.write_text(README, encoding="utf-8")
+    steady_opening.write(page, readme)
+    steady_docs.write_exclusions(page, documented())
+    assert readme.read_text(encoding="utf-8") == README
+    assert page.read_text(encoding="utf-8") == TEXT
+
+
+@pytest.mark.parametrize("form", steady_docs.HARMS)
+def test_each_law_is_out_where_it_is_excluded_and_nowhere_else(form: str) -> None:
+    """If not: mend `tests/bench/steady_exclusions.toml`, and write the docs again."""
+    head, _, _, *laws = table(form)
+    bodies = [BodyKind(body) for body in head.strip("| ").split(" | ")]
+    assert set(bodies) == set(BodyKind)
+    rows = {name: cells for name, *cells in (law.split(" | ") for law in laws)}
+    out = {
+        law: {body for body, cell in zip(bodies, cells, strict=True) if cell.startswith("**")}
+        for law, cells in rows.items()
+    }
+    known = documented()
+    played = {law for law, excluded in known.items() if getattr(excluded, form) is not None}
+    assert {law: set(known[law].on(form)) for law in played} == out
+
+
+def test_the_columns_of_exclusions_say_where_a_law_is_out() -> None:
+    """What `all but` stands for, and what `none`: read as a reader does."""
+    begin, end = steady_docs.EXCLUSIONS
+    part = TEXT.partition(begin)[2].partition(end)[0]
+    _, *rows = re.findall(r"^\| (.*?) \|$", part, re.MULTILINE)
+    known = documented()
+    assert len(rows) == len(known)
+    for row, excluded in zip(rows, known.values(), strict=True):
+        for said, form in zip(row.split(" | ")[1:3], steady_docs.HARMS, strict=True):
+            named = set(map(BodyKind, re.findall(r"`(\w+)`", said)))
+            read = set(BodyKind) - named if said.startswith("all") else named
+            assert read == set(excluded.on(form))
+            assert (said == "not played") == (getattr(excluded, form) is None)
 
 
 def percent(cell: str) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -20,12 +21,14 @@ from engine_scenes import (
     phases,
     states,
 )
+from etd.engine.feeling import Feeling
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.felt import FeltFacts
 from etd.protocol.link import Answer, DisarmBoard, SayFelt
 from etd.stabilize.law_settings import PowerLawSettings
-from etd.stabilize.law_watch import TOO_MANY, LawWatch
+from etd.stabilize.law_watch import SAME_WORD_NS, TOO_MANY, LawWatch
+from etd.stabilize.offset_estimate import Answer as FeltAnswer
 from etd.stabilize.said import LOWERED_BY, MOST, RISE_A_MINUTE
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
@@ -205,7 +208,7 @@ def widened(make_rig: MakeRig) -> EngineRig:
     rig.fake.world.touch(4, skin(1_000.0, 30_000.0, 0.8))
     ready(rig)
     hold(rig, 4_000)
-    rig.fake.world.touch(4, skin(800.0, 15_000.0, 0.8))
+    rig.fake.world.touch(4, skin(800.0, 22_000.0, 0.8))
     hold(rig, 3_000)
     return rig
 
@@ -222,7 +225,7 @@ def test_a_law_that_goes_against_the_person_is_switched_off_until_the_lease_ends
     assert wide_us > 1.2 * 100
     for _ in range(TOO_MANY - 1):
         say(rig, "too_strong")
-        hold(rig, 500)
+        hold(rig, 31_000)
     assert facts(rig).laws_off == ""
     assert last_us(rig) == pytest.approx(wide_us, abs=10)
     say(rig, "too_strong")
@@ -234,6 +237,39 @@ def test_a_law_that_goes_against_the_person_is_switched_off_until_the_lease_ends
     assert facts(rig).factors == (1.0,) * N
 
 
+def test_one_complaint_that_is_insisted_on_is_one(make_rig: MakeRig) -> None:
+    rig = widened(make_rig)
+    for _ in range(2 * TOO_MANY):
+        say(rig, "too_strong", electrodes=(4,))
+        hold(rig, 500)
+    assert facts(rig).laws_off == ""
+
+
+def test_what_a_word_took_is_not_held_against_a_law() -> None:
+    feeling, minute_ns = Feeling(N), 60_000_000_000
+
+    def all_fired(gave: float, part: float, now_ns: int) -> None:
+        for electrode in range(N):
+            feeling.laws_gave(electrode, gave)
+            feeling.fired(electrode, part, now_ns)
+
+    for minute in range(1, 2 * TOO_MANY):
+        now_ns = minute * minute_ns
+        all_fired(0.88, 0.88 * 0.4, now_ns)
+        feeling.hear(SayFelt(ref=minute, answer="too_weak", lease=LEASE), now_ns + 1)
+        all_fired(1.3, 1.0, now_ns + 2 * minute_ns // 3)
+        feeling.hear(
+            SayFelt(ref=minute, answer="too_strong", lease=LEASE), now_ns + 2 * minute_ns // 3 + 1
+        )
+    assert feeling.laws_off == ""
+    for minute in range(1, TOO_MANY + 1):
+        now_ns = (minute + 100) * minute_ns
+        all_fired(0.88, 0.88, now_ns)
+        assert feeling.laws_off == ""
+        feeling.hear(SayFelt(ref=minute, answer="too_weak", lease=LEASE), now_ns + 1)
+    assert "said the opposite" in feeling.laws_off
+
+
 def test_the_word_of_somebody_else_switches_no_law_off(make_rig: MakeRig) -> None:
     rig = widened(make_rig)
     for _ in range(2 * TOO_MANY):
@@ -242,21 +278,37 @@ def test_the_word_of_somebody_else_switches_no_law_off(make_rig: MakeRig) -> Non
 
 
 def test_what_counts_against_laws() -> None:
-    watch = LawWatch()
+    watch, minutes = LawWatch(), itertools.count()
+
+    def hear(answer: FeltAnswer, gave: float) -> None:
+        watch.hear(answer, gave, 60_000_000_000 * next(minutes))
+
     for _ in range(9):
-        watch.hear("too_strong", 0.5)
-        watch.hear("too_weak", 1.5)
-        watch.hear("good", 2.0)
-        watch.hear("too_strong", 1.05)
+        hear("too_strong", 0.5)
+        hear("too_weak", 1.5)
+        hear("good", 2.0)
+        hear("too_strong", 1.05)
     assert watch.against == 0
     for _ in range(2):
-        watch.hear("too_strong", 1.2)
-        watch.hear("too_weak", 0.8)
+        hear("too_strong", 1.2)
+        hear("too_weak", 0.8)
     assert not watch.is_refuted
-    watch.hear("too_strong", 3.0)
+    hear("too_strong", 3.0)
     assert watch.is_refuted
     watch.reset()
     assert not watch.is_refuted
+
+
+def test_within_half_a_minute_the_last_word_counts() -> None:
+    watch = LawWatch()
+    for minute in range(TOO_MANY):
+        watch.hear("good", 1.5, 60_000_000_000 * minute)
+        watch.hear("too_strong", 1.5, 60_000_000_000 * minute + 1)
+    assert watch.against == TOO_MANY
+    watch.hear("good", 1.5, 60_000_000_000 * (TOO_MANY - 1) + SAME_WORD_NS - 1)
+    assert watch.against == TOO_MANY - 1
+    watch.hear("too_strong", 1.5, 60_000_000_000 * (TOO_MANY - 1) + SAME_WORD_NS)
+    assert watch.against == TOO_MANY
 
 
 def test_how_likely_the_page_says_that_it_is() -> None:

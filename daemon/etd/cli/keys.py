@@ -113,7 +113,22 @@ class Keyboard:
         if not ready:
             return None
         data = os.read(self._fd, 1)
+        if data == b"\x1b" and self._is_sequence():
+            return ""
         return KEYS.get(data.decode(errors="replace").lower(), "") if data else "stop"
+
+    def _is_sequence(self) -> bool:
+        """Whether that byte began an arrow, or another key that a terminal sends as several bytes
+        at once, which is then read whole. Whatever else follows it was pressed: Escape is a stop.
+        """
+        if self._at_once() not in (b"[", b"O"):
+            return False
+        while (byte := self._at_once()) and byte in b"0123456789;":
+            pass
+        return b"@" <= byte <= b"~"
+
+    def _at_once(self) -> bytes:
+        return os.read(self._fd, 1) if select.select([self._fd], [], [], 0.0)[0] else b""
 
 
 @contextmanager

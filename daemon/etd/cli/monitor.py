@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             _print_lines(heard)
         else:
-            _draw(display, heard, pressed)
+            draw(display, heard, pressed)
     return 0
 
 
@@ -93,17 +93,21 @@ def _print_lines(heard: Iterator[Item | None]) -> None:
             print(msgspec.json.encode(line).decode(), flush=True)
 
 
-def _draw(display: Display, heard: Iterator[Item | None], pressed: Callable[[], str]) -> None:
+def draw(display: Display, heard: Iterator[Item | None], pressed: Callable[[], str]) -> None:
+    """`heard`: reports, and None where there is none for now. `pressed`: the keys since it was
+    called last.
+    """
     facts = display.facts
     monitor = Monitor(facts, key=TOO_STRONG if sys.stdin.isatty() else "")
     title = f"etd {facts.name} (backend: {facts.board.backend}; {facts.board.name})"
     with picture_of(monitor, title) as picture:
         for item in heard:
+            # At each report too: where many come, nobody waits for the picture to be lowered.
+            for _ in range(pressed().count(TOO_STRONG)):
+                _lower(display, monitor)
             if item is not None:
                 monitor.hear(item[1])
             else:
-                if TOO_STRONG in pressed():
-                    _lower(display, monitor)
                 picture.draw()
 
 

@@ -16,6 +16,9 @@ from etd.stabilize.law_watch import LAST, LawWatch
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import FeltOffsets
 
+#: Currents are whole microamperes: a pulse with this part of what laws asked is what they asked.
+_NEARLY = 0.98
+
 
 class Feeling:
     """One per engine: what was said is gone when the supply is off, and laws that were given up
@@ -27,6 +30,7 @@ class Feeling:
         self._offsets = FeltOffsets(electrodes)
         self._watch = LawWatch()
         self._gave = [1.0] * electrodes
+        self._fired = [1.0] * electrodes
         self._answers = 0
         self._last: tuple[int, SayFelt] | None = None
         #: Why laws by resistance are off; empty: they are not.
@@ -37,6 +41,7 @@ class Feeling:
         self._offsets.reset()
         self._answers, self._last = 0, None
         self._gave = [1.0] * self._count
+        self._fired = [1.0] * self._count
 
     def lease_begun(self) -> None:
         """Perhaps another person's: laws are judged anew."""
@@ -46,9 +51,10 @@ class Feeling:
 
     # --- pulses ------------------------------------------------------------------------------
 
-    def fired(self, electrode: int, now_ns: int) -> None:
-        """A pulse of a frame was fired."""
+    def fired(self, electrode: int, part: float, now_ns: int) -> None:
+        """A pulse of a frame was fired, with this part of the frame's charge."""
         self._offsets.fired(electrode, now_ns)
+        self._fired[electrode] = part
 
     def laws_gave(self, electrode: int, factor: float) -> None:
         """What laws made of the charge of its next pulse, in times of the frame's."""
@@ -79,7 +85,7 @@ class Feeling:
         self._check(said, now_ns)
         about = self._felt_of(said.electrodes, now_ns)
         if said.lease is not None and about:
-            self._judge_laws(said.answer, about)
+            self._judge_laws(said.answer, about, now_ns)
         if said.lease is None:
             self._offsets.lower(said.electrodes, now_ns)
         else:
@@ -116,16 +122,25 @@ class Feeling:
         felt = self._offsets.felt(now_ns)
         return felt if electrodes is None else tuple([it for it in felt if it in electrodes])
 
-    def _judge_laws(self, answer: Answer, about: Sequence[int]) -> None:
+    def _judge_laws(self, answer: Answer, about: Sequence[int], now_ns: int) -> None:
         # A current that a law took whole is as little as can be told.
-        logs = [math.log(max(self._gave[electrode], 0.01)) for electrode in about]
-        self._watch.hear(answer, math.exp(sum(logs) / len(logs)))
+        logs = [math.log(max(self._by_laws(electrode), 0.01)) for electrode in about]
+        self._watch.hear(answer, math.exp(sum(logs) / len(logs)), now_ns)
         if self._watch.is_refuted and not self.laws_off:
             self.laws_off = (
                 "laws by resistance are off until the lease ends: of the last"
                 f" {LAST} answers where they changed the strength, {self._watch.against} said the"
                 " opposite"
             )
+
+    def _by_laws(self, electrode: int) -> float:
+        """What laws gave of its last pulse and limits left of it; what was taken by a word, a cap
+        or the soft start is not theirs.
+        """
+        gave, fired = self._gave[electrode], self._fired[electrode]
+        if gave > 1.0:
+            return max(1.0, min(gave, fired))
+        return gave if fired >= _NEARLY * gave else 1.0
 
     # --- reports -----------------------------------------------------------------------------
 

@@ -66,7 +66,8 @@ class Findings:
         if due.purpose == "stimulus":
             given_ua = cleared.given.current_ua
             self._soft_start.fired(electrode, given_ua, pulse.commanded_ua, last.ended_ns)
-            self._feeling.fired(electrode, last.ended_ns)
+            part = cleared.given.charge_pc / max(1, due.scheduled.request.charge_pc)
+            self._feeling.fired(electrode, part, last.ended_ns)
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
         was_touched = contact.is_touched[electrode]
         if contact.update(
