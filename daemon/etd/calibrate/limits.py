@@ -31,9 +31,9 @@ _MOST_ASCENTS = 7
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """`is_felt` False: nothing was felt up to `current_ua`, the highest allowed current. `is_least`:
-    the threshold may be higher, since nothing was felt up to there now; a higher one was felt
-    before, where `is_felt`.
+    """`is_felt` False: nothing was felt up to `current_ua`, the highest allowed current.
+    `is_least`: the threshold is that or more, since nothing was felt up to there now; where
+    `is_felt`, a higher current was felt before.
     """
 
     current_ua: float
