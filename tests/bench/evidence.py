@@ -57,7 +57,7 @@ MEASUREMENTS = (
         "kills",
         "A thousand kills",
         "tests/bench/kills.py --json",
-        "tests/bench/kills.py --json --kills 20",
+        "tests/bench/kills.py --json --kills 20 --silences 5",
         "What flows after a kill, how long until the board is safe, what is remembered.",
     ),
     Measurement(

@@ -43,6 +43,8 @@ from etd_hal.unwired import NoMarker  # noqa: E402
 
 #: In the folder: the note of the supply, and what the stopper says at its end.
 NOTE, ENDED = "supply.json", "stopper.json"
+#: The first of a stopper's cuts.
+_CUTS_KEPT = 10_000
 #: Of this file, where it is not the program.
 _MODULE = "bench.kills_engine"
 
@@ -90,13 +92,29 @@ def _stop(
     memory, clock = SharedMemory(SIZE, latch), LinuxClock()
     checks = _Checks(memory.words)
     note = SupplyNote(folder / NOTE)
-    stopper = Stopper(memory.words, checks.now_ns, calls.set_lines, note)
+    cuts_ns: list[int] = []
+
+    def cut_off() -> None:
+        calls.set_lines()
+        # A cut is repeated until it was seen, which a stopped engine never does.
+        if len(cuts_ns) < _CUTS_KEPT:
+            cuts_ns.append(clock.now_ns())
+
+    stopper = Stopper(memory.words, checks.now_ns, cut_off, note)
     watch(connection, stopper, engine, DeathMark(mark))
+    cut_before_ns = tuple(cuts_ns)
     stopper.cut()
     safe_ns = clock.now_ns()
+    is_powered = bool(memory.words[POWER] & 1)
     stopper.note_supply()
     new = folder / f".{ENDED}"
-    told = {"safe_ns": safe_ns, "held_up_ns": checks.longest_ns, "cuts": memory.words[CUTS]}
+    told = {
+        "safe_ns": safe_ns,
+        "held_up_ns": checks.longest_ns,
+        "cuts": memory.words[CUTS],
+        "cut_before_ns": cut_before_ns,
+        "is_powered": is_powered,
+    }
     new.write_text(json.dumps(told))
     new.rename(folder / ENDED)
     side_process.finish()

@@ -22,7 +22,7 @@ from campaign.case import Outcome
 CLONE = Path(__file__).resolve().parents[2]
 KEPT = CLONE / "build" / "campaign"
 #: What makes of outcomes what is shown, and plays none.
-_SHOWN_BY = ("run.py", "docs.py", "results.py", "bounds.py", "judge.py")
+_SHOWN_BY = ("run.py", "docs.py", "results.py", "judge.py")
 PC_PER_UC = 1e6
 #: Of a pulse: readings of skin tell no less.
 _SMALL_PART = 0.2

@@ -14,7 +14,7 @@ import re
 import select
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,9 @@ from fuzz.target import Target  # noqa: E402
 from fuzz.targets import TARGETS  # noqa: E402
 
 _WORKER = Path(__file__).with_name("worker.py")
-#: After a change of a decoder, its target is fuzzed for so long, and then known to be clean.
-AFTER_A_CHANGE_S = 600
+#: After a change of decoders their targets are fuzzed for so long together at least, and each of
+#: them for so long; then they are known to be clean.
+AFTER_A_CHANGE_S, EACH_AFTER_A_CHANGE_S = 600, 60
 #: Instrumenting, seeds, and an input that hangs: beyond its time.
 _GRACE_S = 300
 #: Then it is done once, after the last input.
@@ -183,14 +184,20 @@ def _play(one: Target, path: Path) -> int:
     return 0
 
 
-def _plan(args: argparse.Namespace, chosen: Sequence[Target]) -> dict[str, int]:
-    """Seconds by target: a bounded part of each, and ten minutes more for decoders that changed."""
-    plan = shares_s(chosen, args.seconds)
-    if args.changed:
-        changed = stored.changed(chosen)
-        print(f"changed: {', '.join(one.name for one in changed) or 'no decoder'}", flush=True)
-        plan |= shares_s(changed, AFTER_A_CHANGE_S) if changed else {}
+def planned_s(chosen: Sequence[Target], changed: Sequence[Target], seconds: int) -> dict[str, int]:
+    """By target: its share of `seconds`. For one of `changed` its share of ten minutes for these
+    alone, or a minute, where that is more.
+    """
+    plan = shares_s(chosen, seconds)
+    for name, share_s in shares_s(changed, AFTER_A_CHANGE_S).items() if changed else ():
+        plan[name] = max(plan[name], share_s, EACH_AFTER_A_CHANGE_S)
     return plan
+
+
+def is_enough(plan: Mapping[str, int], changed: Sequence[Target]) -> bool:
+    """Whether these are known to be clean, if nothing was found."""
+    given_s = [plan[one.name] for one in changed]
+    return sum(given_s) >= AFTER_A_CHANGE_S and min(given_s) >= EACH_AFTER_A_CHANGE_S
 
 
 def _arguments() -> argparse.Namespace:
@@ -201,7 +208,11 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--changed",
         action="store_true",
-        help=f"{AFTER_A_CHANGE_S} s more for targets whose decoders changed since they were clean",
+        help=(
+            "targets whose decoders changed since they were clean get"
+            f" {AFTER_A_CHANGE_S} s together at least, and {EACH_AFTER_A_CHANGE_S} s each, in place"
+            " of their share of --seconds where that is less"
+        ),
     )
     parser.add_argument("--play", type=Path, metavar="FILE", help="one input, to one target")
     parser.add_argument("--seed", type=int, default=1)
@@ -232,14 +243,18 @@ def main() -> int:
     is_guided = not args.unguided and importlib.util.find_spec("atheris") is not None
     if not is_guided:
         print("no atheris: inputs are changes of seeds, and no coverage guides them")
-    plan = _plan(args, chosen)
+    changed = stored.changed(chosen)
+    print(f"changed: {', '.join(one.name for one in changed) or 'no decoder'}", flush=True)
+    plan = planned_s(chosen, changed if args.changed else (), args.seconds)
     outcomes = [fuzz(one, plan[one.name], args.folder, args.seed, is_guided) for one in chosen]
     show(outcomes)
     is_clean = not any(one.findings for one in outcomes)
-    is_long = args.changed or args.seconds >= AFTER_A_CHANGE_S
-    if is_clean and is_guided and is_long and not os.environ.get("CI"):
-        stored.note_fuzzed(chosen)
-        print(f"clean: written to {stored.FUZZED.relative_to(stored.CLONE)}")
+    if is_clean and is_guided and changed and not os.environ.get("CI"):
+        if is_enough(plan, changed):
+            stored.note_fuzzed(changed)
+            print(f"clean: written to {stored.FUZZED.relative_to(stored.CLONE)}")
+        else:
+            print("clean, but too short to count for what has changed: see --changed")
     if args.json:
         print(json.dumps(figures(outcomes, is_guided)))
     return 0 if is_clean else 1

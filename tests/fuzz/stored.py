@@ -18,7 +18,10 @@ BUILD = CLONE / "build" / "fuzz"
 #: Inputs that were findings once, in the repository: each is played by `make check`.
 KEPT = HERE / "corpus"
 FUZZED = HERE / "fuzzed.txt"
-_ABOUT = "# The decoders of each target as they were when it was last fuzzed for ten minutes.\n"
+_ABOUT = (
+    "# The decoders of each target as they were when it was last fuzzed after a change, without a\n"
+    "# finding: a minute at least, and ten at least with all that had changed together.\n"
+)
 
 
 def starts(target: Target) -> list[bytes]:

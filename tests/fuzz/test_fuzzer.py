@@ -98,6 +98,26 @@ def test_time_is_shared_by_what_each_needs() -> None:
     assert sum(run.shares_s(TARGETS, 600).values()) >= 600
 
 
+def test_what_has_changed_gets_a_minute_each_and_ten_together() -> None:
+    same, other, large = target(name="a"), target(name="b"), target(name="c", shares=18)
+    every = [same, other, large]
+    assert run.planned_s(every, [], 60) == {"a": 3, "b": 3, "c": 54}
+    assert run.planned_s(every, [other], 60) == {"a": 3, "b": 600, "c": 54}
+    assert run.planned_s(every, [other, large], 60) == {"a": 3, "b": 60, "c": 569}
+    assert run.planned_s(every, [other], 40_000)["b"] == 2_000, "never less than its share"
+    for changed in ([one] for one in TARGETS), (TARGETS,):
+        for few in changed:
+            assert run.is_enough(run.planned_s(TARGETS, few, 60), few)
+
+
+def test_what_was_fuzzed_for_less_is_not_known_to_be_clean() -> None:
+    one, other = target(name="a"), target(name="b")
+    assert run.is_enough({"a": 60, "b": 540}, [one, other])
+    assert not run.is_enough({"a": 59, "b": 600}, [one, other])
+    assert not run.is_enough({"a": 60, "b": 539}, [one, other])
+    assert not run.is_enough({"a": 599, "b": 600}, [one])
+
+
 def test_a_changed_decoder_is_known_until_it_was_fuzzed(tmp_path: Path) -> None:
     note, one, other = tmp_path / "fuzzed.txt", target(name="a"), target(name="b")
     assert stored.changed([one, other], note) == [one, other]

@@ -8,6 +8,7 @@ import pytest
 
 from bench.kills import (
     ProcessKills,
+    heed_silence,
     is_late,
     main,
     processes,
@@ -17,6 +18,7 @@ from bench.kills import (
 )
 from bench.kills_operations import KilledEngines, Lives
 from campaign.scenes import BOARDS
+from etd.protocol.errors import DaemonGone
 
 QUICK = ProcessKills(with_ms=[0.5] * 9 + [19.0], held_up_ms=1.0)
 
@@ -56,7 +58,7 @@ def test_what_is_wrong_in_a_life_is_told(tmp_path: Path) -> None:
 def test_real_processes_are_safe_in_time(tmp_path: Path) -> None:
     try:
         found = processes(2, lambda _: None)
-    except (OSError, TimeoutError) as error:
+    except (OSError, TimeoutError, DaemonGone) as error:
         pytest.skip(str(error))
     assert found.wrong == []
     assert len(found.with_ms) + found.halted_before == 2
@@ -64,10 +66,35 @@ def test_real_processes_are_safe_in_time(tmp_path: Path) -> None:
     assert all(took_ms > 0.0 for took_ms in found.with_ms)
 
 
+def test_a_real_engine_that_is_stopped_is_cut_off_before_it_is_killed(tmp_path: Path) -> None:
+    try:
+        found = processes(0, lambda _: None, silences=2)
+    except (OSError, TimeoutError, DaemonGone) as error:
+        pytest.skip(str(error))
+    assert found.wrong == []
+    assert (found.with_ms, found.without_ms) == ([], [])
+    assert len(found.silent_ms) + found.halted_before == 2
+    assert all(took_ms > 0.0 for took_ms in found.silent_ms)
+
+
+def test_a_silence_is_judged_by_the_first_cut_after_it() -> None:
+    told = {"cut_before_ns": [500, 9_000_000], "is_powered": True, "held_up_ns": 600_000}
+    found = ProcessKills(window_ms=20)
+    heed_silence(told, 1_000, 2_000_000, found)
+    assert (found.silent_ms, found.held_up_ms, found.halted_before) == ([7.0], 0.6, 0)
+    heed_silence(told | {"cut_before_ns": [1_500_000, 9_000_000]}, 1_000, 2_000_000, found)
+    heed_silence(told | {"is_powered": False}, 1_000, 2_000_000, found)
+    assert (found.silent_ms, found.halted_before, found.wrong) == ([7.0], 2, [])
+    heed_silence(told | {"cut_before_ns": [500]}, 1_000, 2_000_000, found)
+    assert found.wrong == ["an engine that was stopped with the supply on was not cut off"]
+
+
 def test_late_is_a_p50_above_5_ms_or_a_most_above_20() -> None:
     assert not is_late(QUICK)
     assert is_late(ProcessKills(with_ms=[0.5] * 9 + [20.1]))
     assert is_late(ProcessKills(with_ms=[5.1] * 10))
+    assert not is_late(ProcessKills(silent_ms=[25.0], window_ms=20))
+    assert is_late(ProcessKills(silent_ms=[20.0] * 9 + [25.1], window_ms=20))
     assert spread([1.0, 2.0, 3.0]) == {"count": 3, "p50": 2.0, "p99": 3.0, "max": 3.0}
 
 
