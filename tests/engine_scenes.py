@@ -186,6 +186,7 @@ def exponent(k: float, board: str = "kajimoto-hv507", leak_ohm: int = 66_000) ->
         low=k - 0.2 * abs(k),
         high=k + 0.2 * abs(k),
         explained=0.9,
+        explained_of_all=0.8,
         electrodes=(0, 1, 2, 3),
         states=4,
         fold=3.0,

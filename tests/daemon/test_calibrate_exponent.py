@@ -7,6 +7,7 @@ import datetime
 import math
 import random
 import re
+import statistics
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
@@ -258,7 +259,12 @@ def test_too_few_states_or_electrodes_and_gaps_are_refused() -> None:
     ("changes", "why"),
     [
         ({"low": -0.1}, "has zero in it"),
-        ({"explained": 0.49}, "explains 49% .* less than 50%"),
+        ({"explained": 0.49}, "explains 49% of what time leaves .* less than 50%"),
+        ({"explained_of_all": 0.49}, "explains 49% of all that thresholds did, less than 50%"),
+        ({"explained_of_all": None}, "before it was kept how much .* of all .* measure it again"),
+        ({"low": 0.6, "high": 50.0}, r"0\.60 to 50\.00, ends further from k than zero"),
+        ({"low": 0.01, "high": 1.9}, "ends further from k than zero"),
+        ({"k": -0.7, "low": -1.5, "high": -0.1}, "ends further from k than zero"),
         ({"k": 2.1, "high": 2.5}, "is not believed"),
         ({"low": 0.8}, "lies outside of its interval"),
         ({"fold": 1.9}, "changed 1.9-fold, and 2-fold is needed"),
@@ -276,7 +282,7 @@ def test_an_exponent_that_is_not_known_well_is_not_for_this_person(
     assert re.search(why, poor.why_not)
     with fitted_site() as rig:
         made = calibration(rig, (3_000,) * 8, exponent=poor)
-        assert usable_k(poor, BOARD, LEAK_OHM) is None
+        assert usable_k(poor, BOARD, LEAK_OHM, DAY) is None
         answer = open_calibrated(rig, made)
         assert answer.error == "bad_calibration"
         assert "power_law is not for this person: k = " in answer.reason
@@ -307,10 +313,86 @@ def test_a_k_that_was_measured_with_another_board_is_not_for_this_one(
         assert answer.error == "bad_calibration"
         assert "this is kajimoto-hv507 with 66000 ohm, and a board's leak" in answer.reason
         assert "etd calibrate CODE --fit" in answer.reason
-    assert usable_k(elsewhere, BOARD, LEAK_OHM) is None
+    assert usable_k(elsewhere, BOARD, LEAK_OHM, elsewhere.date) is None
     # Nor does another law go by it.
     for each, k in ((elsewhere, None), (exponent(0.7), 0.7)):
         with closing(engine_rig.make(electrodes=8)) as rig:
             assert open_calibrated(rig, calibration(rig, (3_000,) * 8, exponent=each)).error is None
             assert rig.engine.components.adapter.estimate(0, rig.clock.now_ns()).exponent == k
-    assert usable_k(exponent(0.7), BOARD, LEAK_OHM) == 0.7
+    assert usable_k(exponent(0.7), BOARD, LEAK_OHM, exponent(0.7).date) == 0.7
+
+
+def test_a_k_of_before_its_calibration_is_not_for_this_person() -> None:
+    """It was measured with another one, or its date is wrong."""
+    made_on = datetime.date(2025, 1, 15)
+    early = msgspec.structs.replace(exponent(0.7), date=datetime.date(2025, 1, 14))
+    assert early.why_not is None
+    assert usable_k(early, BOARD, LEAK_OHM, made_on) is None
+    with fitted_site() as rig:
+        made = calibration(rig, (3_000,) * 8, exponent=early)
+        assert made.date == made_on
+        answer = open_calibrated(rig, made)
+        assert answer.error == "bad_calibration"
+        assert "is of 2025-01-14, before the calibration" in answer.reason
+        assert "etd calibrate CODE --fit" in answer.reason
+    with closing(engine_rig.make(electrodes=8)) as rig:
+        made = calibration(rig, (3_000,) * 8, exponent=early)
+        assert open_calibrated(rig, made).error is None
+        assert rig.engine.components.adapter.estimate(0, rig.clock.now_ns()).exponent is None
+
+
+@pytest.mark.parametrize(("ahead", "is_usable"), [(0, True), (1, True), (2, False)])
+def test_a_k_of_a_later_day_than_today_is_not_for_this_person(ahead: int, is_usable: bool) -> None:
+    """But of a day ahead: midnight comes earlier in the east."""
+    found = exponent(0.7)
+    today = found.date - datetime.timedelta(days=ahead)
+    why = found.why_not_in(datetime.date(2020, 1, 1), today)
+    assert (why is None) == is_usable
+    assert why is None or f"is of 2025-01-15, and today is {today}" in why
+    assert found.why_not_in(datetime.date(2020, 1, 1)) is None
+
+
+def drifting(k: float, drift: float, seed: int) -> list[Asked]:
+    """A person whose thresholds rise all the time, by a factor of e to the `drift` in all."""
+    chance, asked = random.Random(seed), []
+    for state, fall in enumerate((1.0, 3.0, 1.15, 2.4, 1.1)):
+        for electrode in range(6):
+            at_s = state * 400.0 + electrode * 40.0
+            ohm = 50e3 / fall * math.exp(chance.gauss(0.0, 0.05))
+            error = drift * at_s / 2_000.0 + chance.gauss(0.0, 0.02)
+            now_ua = 1_000.0 * math.pow(ohm / 50e3, -k) * math.exp(error)
+            asked.append(Asked(electrode, state, at_s, now_ua, ohm))
+    return asked
+
+
+@pytest.mark.parametrize(("k", "drift"), [(0.1, 1.2), (0.3, 1.0), (0.2, 1.2)])
+def test_what_thresholds_did_with_time_is_not_explained_by_the_resistance(
+    k: float, drift: float
+) -> None:
+    found = fit(drifting(k, drift, 1))
+    assert found.explained > 0.8, "of what time leaves it explains nearly all"
+    assert found.explained_of_all is not None
+    assert found.explained_of_all < 0.25
+    assert found.why_not is not None
+    assert "of all that thresholds did, less than 50%" in found.why_not
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.integers(0, 10**6))
+def test_what_is_explained_of_all_is_what_a_law_by_k_would_take(
+    k: float, drift: float, seed: int
+) -> None:
+    """By another way: the variance that is left within electrodes where k is corrected for."""
+    asked = drifting(k, drift, seed)
+    try:
+        found = fit(asked)
+    except NoFit:
+        return
+    before = after = 0.0
+    for electrode in range(6):
+        own = [one for one in asked if one.electrode == electrode]
+        logs = [math.log(one.threshold_ua) for one in own]
+        left = [math.log(one.threshold_ua * one.resistance_ohm**found.k) for one in own]
+        before += statistics.pvariance(logs)
+        after += statistics.pvariance(left)
+    expected = max(0.0, 1.0 - after / before)
+    assert found.explained_of_all == pytest.approx(expected, abs=2e-3)

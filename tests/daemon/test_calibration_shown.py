@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+
 import pytest
 from msgspec.structs import replace
 
@@ -14,8 +16,11 @@ MADE = calibration(3)
 FITTED = exponent(0.8)
 
 
+TODAY = datetime.date(2026, 1, 15)
+
+
 def said(**conditions: object) -> str:
-    (line,) = conditions_in_words(conditions)
+    line, *_ = conditions_in_words(conditions, MADE.date, TODAY)
     return line
 
 
@@ -31,13 +36,24 @@ def test_a_figure_has_its_unit() -> None:
 def test_a_drift_is_said_in_percent_and_of_what() -> None:
     assert "the first electrode's threshold had risen by 42%" in said(drift=0.42)
     assert "fallen by 8%" in said(drift=-0.08)
+    least = said(drift=0.0, is_drift_least=True)
+    assert "risen by at least 0% (it was not felt up to its cap)" in least
 
 
 def test_an_exponent_is_said_with_its_interval_and_whether_it_may_be_used() -> None:
     line = said(exponent=FITTED)
-    assert "k = 0.80 (0.64 to 0.96), explains 90%" in line
-    assert " electrodes in 4 states of the skin" in line
-    assert "3.0-fold, 2025-01-15: may be used with kajimoto-hv507" in line
+    assert "k = 0.80 (0.64 to 0.96); it explains 80% of all that thresholds of 4 elec" in line
+    assert "did in 4 states, and 90% of what a line over time leaves of it; the skin's" in line
+    assert "changed 3.0-fold; 2025-01-15: may be used with kajimoto-hv507" in line
+    before = said(exponent=replace(FITTED, explained_of_all=None))
+    assert "explains 90% of what a line over time leaves of what thresholds" in before
+    assert "not for this person" in before
+    assert "12% of the silent trials were felt" in said(
+        exponent=replace(FITTED, catch_trials=40, false_alarm_rate=0.12)
+    )
+    assert "and today is 2026-01-15" in said(
+        exponent=replace(FITTED, date=datetime.date(2099, 1, 1))
+    )
     refused = said(exponent=replace(FITTED, low=-0.1))
     assert "not for this person: k = 0.80" in refused
     assert "has zero in it" in refused
@@ -58,6 +74,22 @@ def test_a_large_drift_is_repeated_in_the_end(drift: float, is_said: bool) -> No
     found = doubts_of(replace(MADE, drift=drift))
     assert bool(found) == is_said
     assert all("when it was last asked again, more than 20%" in each for each in found)
+
+
+@pytest.mark.parametrize("drift", [0.1, 0.0])
+def test_a_drift_of_at_least_so_much_is_said_so_however_little_that_is(drift: float) -> None:
+    (found,) = doubts_of(replace(MADE, drift=drift, is_drift_least=True))
+    assert f"risen by at least {drift:.0%} (it was not felt up to its cap)" in found
+    assert "more than" not in found
+    assert "let P01 rest" in found
+
+
+@pytest.mark.parametrize(("rate", "is_said"), [(0.125, True), (0.1, False), (None, False)])
+def test_who_feels_silence_while_k_is_measured_is_told_of(rate: float, is_said: bool) -> None:
+    fitted = replace(FITTED, catch_trials=40, false_alarm_rate=rate)
+    found = doubts_of(replace(MADE, exponent=fitted))
+    assert bool(found) == is_said
+    assert all("felt 12% of 40 silent trials, more than 10%, while k was" in one for one in found)
 
 
 def test_nothing_is_doubted_without_a_reason() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 from pathlib import Path
 
@@ -228,8 +229,12 @@ def test_whether_one_lease_can_have_two_calibrations_is_told_before_it_is_opened
     ("old", "new", "told"),
     [
         ("", "", "k = 0.70 for power_law on kajimoto-hv507 (66000 ohm)"),
-        ("fold = 3.0", "fold = 1.1", "power_law refuses it: k = 0.70 is of a skin whose resistan"),
-        ("0, 1, 2, 3", "0, 1, 2", "power_law refuses it: k = 0.70 is of 3 electrodes"),
+        ("fold = 3.0", "fold = 1.1", "is not for this person: k = 0.70 is of a skin whose resi"),
+        ("0, 1, 2, 3", "0, 1, 2", "power_law is not for this person: k = 0.70 is of 3 electrodes"),
+        ("explained_of_all = 0.8,", "", "before it was kept how much it explains of all"),
+        ("high = 0.8", "high = 50.0", "ends further from k than zero"),
+        ("2025-01-15", "1990-01-01", "not for this person: k = 0.70 is of 1990-01-01, before the"),
+        ("2025-01-15", "2099-01-01", "k = 0.70 is of 2099-01-01, and today is 2026-01-15"),
         ("low = 0.6", "low = -0.6", "has zero in it"),
         (', board = "kajimoto-hv507"', "", "was measured before its board was kept with it"),
     ],
@@ -238,12 +243,14 @@ def test_whether_a_k_may_be_used_is_told_of_a_calibration(
     tmp_path: Path, old: str, new: str, told: str
 ) -> None:
     k = (
-        "exponent = { k = 0.7, low = 0.6, high = 0.8, explained = 0.9, electrodes = [0, 1, 2, 3],"
+        "exponent = { k = 0.7, low = 0.6, high = 0.8, explained = 0.9, explained_of_all = 0.8,"
+        " electrodes = [0, 1, 2, 3],"
         ' states = 5, fold = 3.0, date = 2025-01-15, board = "kajimoto-hv507", leak_ohm = 66000 }'
     )
     electrode = "    { threshold_ua = 900, comfortable_ua = 1800, cap_ua = 3000 },\n"
     text = spoiled(CALIBRATION, electrode, electrode * 2)
-    checked = check_file(write(tmp_path, "a.toml", k.replace(old, new) + "\n" + text))
+    path = write(tmp_path, "a.toml", k.replace(old, new) + "\n" + text)
+    checked = check_file(path, datetime.date(2026, 1, 15))
     assert checked.error is None
     assert told in checked.summary
 

@@ -4,6 +4,7 @@ an interruption.
 
 from __future__ import annotations
 
+import dataclasses
 import random
 from pathlib import Path
 
@@ -133,3 +134,27 @@ def test_the_bench_says_no_where_too_few_get_theirs_or_too_many_get_what_they_ha
     assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
     assert bench_fit.judged("poor", true_k, nobody, nobody)[1]
     assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
+
+
+@pytest.mark.parametrize("false_alarms", [0.0, 0.3])
+def test_who_feels_silence_in_a_fit_is_known_afterwards(false_alarms: float) -> None:
+    """In every state there are silent trials, and the file has what was said of them."""
+    model = dataclasses.replace(ADAPTING, false_alarms=false_alarms)
+    fitted = found(0.8, 5, model)
+    assert fitted is not None
+    assert fitted.catch_trials is not None
+    assert fitted.catch_trials > 5 * 6
+    assert fitted.false_alarm_rate is not None
+    assert (fitted.false_alarm_rate > 0.1) == (false_alarms > 0.1)
+
+
+def test_saved_false_alarms_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    progress = begun(StateSkin(0.8, 1), 1)
+    path = tmp_path / "fit.json"
+    progress.catch_trials, progress.false_alarms = 3, 2
+    save_fit(path, progress)
+    assert load_fit(path, progress, has_seed=True).false_alarms == 2
+    progress.false_alarms = 4
+    save_fit(path, progress)
+    with pytest.raises(FileError, match="4 of 3 silent trials cannot be"):
+        load_fit(path, progress, has_seed=True)

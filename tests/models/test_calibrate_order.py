@@ -15,13 +15,14 @@ from msgspec.structs import replace
 
 from calibrate_scenes import FOUND, ROW
 from etd.calibrate.answers import Answer, Presentation, Question
-from etd.calibrate.course import Course
+from etd.calibrate.course import MOST_DRIFT, Course
 from etd.calibrate.order import CATCH_IN, IN_PLAY, drawn, is_catch, shuffled
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.trial import Stopped
 from etd.cli.false_alarms import said_of_false_alarms
 from etd.files.calibration import load_calibration, to_toml
+from etd.protocol.calibration import Method
 from etd.protocol.errors import FileError
 from noisy_skin import NoisySkin
 
@@ -274,7 +275,7 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
     """After eight electrodes, or half of them."""
     skin = NoisySkin(16, 31)
     progress = Progress(conditions=replace(CONDITIONS, electrodes=electrodes), seed=5)
-    drifts: list[float] = []
+    drifts: list[tuple[float, bool]] = []
     found: dict[int, object] = {}
 
     def drift(_: int) -> None:
@@ -284,12 +285,50 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
             skin.pain_ua = [5.0 * value for value in skin.pain_ua]
 
     skin.pain_ua = [5.0 * value for value in skin.pain_ua]
-    Course(progress, skin, Person(skin), lambda: TODAY, on_found=drift, on_drift=drifts.append).run(
-        range(electrodes)
-    )
+    Course(
+        progress,
+        skin,
+        Person(skin),
+        lambda: TODAY,
+        on_found=drift,
+        on_drift=lambda *told: drifts.append(told),
+    ).run(range(electrodes))
     assert progress.drift == pytest.approx(times - 1.0, abs=0.1)
-    assert drifts == ([progress.drift] if times > 1.0 else [])
+    assert drifts == ([(progress.drift, False)] if times > 1.0 else [])
     (first,) = found
     assert progress.found[first] == found[first], "its figures stay"
     assert progress.missing == ()
     assert finished(progress, TODAY, "test").drift == progress.drift
+
+
+@pytest.mark.parametrize("method", ["staircase", "limits"])
+@pytest.mark.parametrize("capped_by", ["limit", "pain"])
+def test_a_drift_that_ends_at_the_cap_is_at_least_so_much_and_a_rest_is_due(
+    method: Method, capped_by: str
+) -> None:
+    """The cap is 12 % above the threshold, which rises by 60 %: nothing there is felt any more."""
+    skin = NoisySkin(16, 31)
+    skin.threshold_ua = [1_000.0] * 16
+    skin.pain_ua = [1_120.0 if capped_by == "pain" else 9_000.0] * 16
+    cap_ua = 1_120 if capped_by == "limit" else 4_000
+    conditions = replace(CONDITIONS, electrodes=8, cap_ua=cap_ua, method=method)
+    progress = Progress(conditions=conditions, seed=5)
+    drifts: list[tuple[float, bool]] = []
+
+    def drift(_: int) -> None:
+        skin.threshold_ua, skin.pain_ua = [1_600.0] * 16, [9_000.0] * 16
+
+    Course(
+        progress,
+        skin,
+        Person(skin),
+        lambda: TODAY,
+        on_found=drift,
+        on_drift=lambda *told: drifts.append(told),
+    ).run(range(8))
+    assert progress.drift is not None
+    assert progress.drift < MOST_DRIFT, "as far as it can be seen"
+    assert progress.is_drift_least
+    assert drifts == [(progress.drift, True)]
+    made = finished(progress, TODAY, "test")
+    assert (made.drift, made.is_drift_least) == (progress.drift, True)

@@ -33,6 +33,9 @@ def rig() -> Iterator[CommandRig]:
 
 
 OF_LIMITS = ("--method", "limits", "--seed", str(SEED))
+ON_FAKE = ("--board", "fake", "--array", "pad-8")
+#: Clients wait for two seconds.
+HELD_UP_S = "3.5"
 ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8",
              *OF_LIMITS)  # fmt: skip
 
@@ -286,3 +289,32 @@ def drawn_until(terminal: int, text: str) -> str:
         assert ready, f"{text!r} was not drawn, but {drawn!r}"
         drawn += os.read(terminal, 65_536).decode(errors="replace")
     return drawn
+
+
+@pytest.mark.parametrize(("asked", "side"), [("0", "low"), ("49", "low"), ("3001", "high")])
+def test_a_limit_that_is_not_allowed_is_refused_with_the_bounds_of_this_site(
+    rig: CommandRig, asked: str, side: str
+) -> None:
+    told = rig.run("calibrate", "P01", "--max-current-ua", asked, *ON_FAKE)
+    assert told.status == 2
+    assert f"{asked} uA is too {side}; 50 to 3000 uA are allowed" in told.err
+    assert "10000" not in told.err
+
+
+def test_its_own_daemon_may_be_held_up_longer_than_clients_wait_for_another(
+    rig: CommandRig,
+) -> None:
+    """On a busy machine, where the daemon's own time-outs are longer too."""
+    at = AtTerminal(rig, *ARGUMENTS)
+    try:
+        at.answer("nn")
+        gateway = at.command.children()["gateway"]
+        os.kill(gateway, signal.SIGSTOP)
+        subprocess.run(["sleep", HELD_UP_S], check=True)
+        os.kill(gateway, signal.SIGCONT)
+        at.answer("n ")
+        said = at.command.ended()
+    finally:
+        at.close()
+    assert "no answer" not in said.err
+    assert "stopped: the daemon is halted" in said.err

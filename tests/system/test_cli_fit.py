@@ -84,7 +84,7 @@ def test_a_k_that_is_known_to_nobody_is_stored_and_can_be_read_again(rig: Comman
     assert made.exponent.board == "kajimoto-hv507"
     assert not kept.exists()
     checked = rig.run("check", str(out))
-    assert (checked.status, "power_law refuses it: k = " in checked.out) == (0, True)
+    assert (checked.status, "power_law is not for this person: k = " in checked.out) == (0, True)
 
 
 def test_what_was_answered_is_kept_where_nothing_can_be_fitted(rig: CommandRig) -> None:

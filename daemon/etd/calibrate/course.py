@@ -38,8 +38,9 @@ class Course:
     when something was too strong. `on_presented` is called with each presentation, before the
     question about it, and `on_answered` with the question and the answer (None: something else
     ended it). `on_threshold` is called when an electrode's threshold is found, `on_found` when it
-    has all figures. `on_drift` is called with a threshold's change, as a part of it, when that of
-    the first electrode has changed so much that a rest is due. `asks_sensation`: ask of each felt
+    has all figures. `on_drift` is called with a threshold's change, as a part of it, and whether it
+    is at least so much, when that of the first electrode has changed so much, or is not felt any
+    more up to its cap, that a rest is due. `asks_sensation`: ask of each felt
     electrode what it feels like, and where. `today` dates each electrode: a calibration may
     continue on another day.
 
@@ -64,7 +65,7 @@ class Course:
         on_answered: Callable[[Presentation, Ask, Answer | None], None] = lambda *_: None,
         on_threshold: Callable[[int], None] = lambda _: None,
         on_found: Callable[[int], None] = lambda _: None,
-        on_drift: Callable[[float], None] = lambda _: None,
+        on_drift: Callable[[float, bool], None] = lambda *_: None,
         asks_sensation: bool = False,
         fit: FitBounds | None = None,
     ) -> None:
@@ -227,11 +228,17 @@ class Course:
             self._queue_if_taken_back(electrode)
             return
         progress.drift = round(again.threshold_ua / before.threshold_ua - 1.0, 3)
+        progress.is_drift_least = not again.felt
         self._on_progress(progress)
-        if abs(progress.drift) > MOST_DRIFT:
-            self._on_drift(progress.drift)
+        if is_rest_due(progress.drift, is_least=progress.is_drift_least):
+            self._on_drift(progress.drift, progress.is_drift_least)
 
     def _queue_if_taken_back(self, electrode: int) -> None:
         """What was too strong has taken its figures back: it needs others."""
         if electrode not in self._progress.found and electrode not in self._waiting:
             self._waiting.append(electrode)
+
+
+def is_rest_due(drift: float, *, is_least: bool) -> bool:
+    """`is_least`: it was not felt any more up to its cap, however near to its threshold that is."""
+    return is_least or abs(drift) > MOST_DRIFT

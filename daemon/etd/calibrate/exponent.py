@@ -55,8 +55,9 @@ class NoFit(EtdError):
 def fitted(
     asked: Sequence[Asked], date: datetime.date, board: str, leak_ohm: int
 ) -> FittedExponent:
-    """k with its 95 % interval, as measured with this board. Whether it can be used, it says
-    itself.
+    """k with its 95 % interval, as measured with this board, and how much it explains: of what a
+    line over time leaves of the thresholds, and of all that they did within electrodes, where what
+    they did with time is not explained. Whether it can be used, it says itself.
 
     Raises: NoFit, where states or electrodes are too few, or too alike, or nothing is known of k.
     """
@@ -72,28 +73,28 @@ def fitted(
     threshold = _within(asked, lambda one: math.log(one.threshold_ua))
     resistance = _within(asked, lambda one: math.log(one.resistance_ohm))
     time = _within(asked, lambda one: one.at_s)
-    threshold, left = _without(threshold, time), _without(resistance, time)
+    timeless, left = _without(threshold, time), _without(resistance, time)
     spread = _dot(left, left)
     if spread < _LEAST_APART * _dot(resistance, resistance):
         raise NoFit(
             "the resistance changed one way all the time, so that it cannot be told from a person"
             " who adapts: let the skin become dry again between two states"
         )
-    slope = _dot(left, threshold) / spread
-    residuals = [now - slope * at for now, at in zip(threshold, left, strict=True)]
+    slope = _dot(left, timeless) / spread
+    residuals = [now - slope * at for now, at in zip(timeless, left, strict=True)]
     half = _half_interval(asked, len(electrodes), states, left, residuals)
     if not abs(slope) + half <= MOST_SAID:
         raise NoFit(
             f"thresholds went up and down so much that nothing is known of k ({-slope:.3g}, within"
             f" {half:.3g}): answer by the same feeling in each state"
         )
-    whole = _dot(threshold, threshold)
-    explained = max(0.0, 1.0 - _dot(residuals, residuals) / whole) if whole > 0.0 else 0.0
+    by_k = [now - slope * at for now, at in zip(threshold, resistance, strict=True)]
     return FittedExponent(
         k=round(-slope, _DIGITS),
         low=round(-slope - half, _DIGITS),
         high=round(-slope + half, _DIGITS),
-        explained=round(explained, _DIGITS),
+        explained=_explained(timeless, residuals),
+        explained_of_all=_explained(threshold, by_k),
         electrodes=electrodes,
         states=len(states),
         fold=round(fold, _DIGITS),
@@ -171,6 +172,13 @@ def _without(values: Sequence[float], other: Sequence[float]) -> list[float]:
     spread = _dot(other, other)
     slope = _dot(values, other) / spread if spread > 0.0 else 0.0
     return [value - slope * at for value, at in zip(values, other, strict=True)]
+
+
+def _explained(values: Sequence[float], residuals: Sequence[float]) -> float:
+    """The part of their variation that is not in the residuals; none, where these vary more."""
+    whole = _dot(values, values)
+    explained = 1.0 - _dot(residuals, residuals) / whole if whole > 0.0 else 0.0
+    return round(max(0.0, explained), _DIGITS)
 
 
 def _dot(one: Sequence[float], other: Sequence[float]) -> float:

@@ -70,6 +70,9 @@ class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     #: Of the states that are over.
     states: Annotated[int, Meta(ge=0, le=len(STATES))] = 0
     asked: list[Asked] = []
+    #: Silent trials in these states, and those of them that were said to be felt.
+    catch_trials: Annotated[int, Meta(ge=0)] = 0
+    false_alarms: Annotated[int, Meta(ge=0)] = 0
     #: What was too strong in one state is not presented in another; and in the state under way,
     #: where a slipped key can still be taken back.
     lowered_ua: dict[int, Ua] = {}
@@ -133,6 +136,8 @@ class Fitting:
                 )
             )
         progress.states += 1
+        progress.catch_trials += of_state.catch_trials
+        progress.false_alarms += of_state.false_alarms
         return tuple(missing)
 
     def lower(self, of_state: Progress) -> None:
@@ -166,7 +171,13 @@ class Fitting:
                 " current, so raise --max-current-ua, or choose --electrodes with lower thresholds"
             )
         whole = [one for one in asked if one.electrode in known]
-        return fitted(whole, today, self._progress.board, self._progress.leak_ohm)
+        progress, silent = self._progress, self._progress.catch_trials
+        found = fitted(whole, today, progress.board, progress.leak_ohm)
+        return msgspec.structs.replace(
+            found,
+            catch_trials=silent or None,
+            false_alarm_rate=round(progress.false_alarms / silent, 3) if silent else None,
+        )
 
     @property
     def is_lost(self) -> bool:
@@ -278,4 +289,7 @@ def load_fit(path: Path, asked_for: FitProgress, has_seed: bool) -> FitProgress:
         one.electrode not in saved.electrodes or one.state >= saved.states for one in saved.asked
     ):
         raise FileError(str(path), "asked", "it has what was not asked", again)
+    if saved.false_alarms > saved.catch_trials:
+        why = f"{saved.false_alarms} of {saved.catch_trials} silent trials cannot be"
+        raise FileError(str(path), "false_alarms", why, again)
     return saved

@@ -31,10 +31,14 @@ _MOST_ASCENTS = 7
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """`is_felt` False: nothing was felt up to `current_ua`, the highest allowed current."""
+    """`is_felt` False: nothing was felt up to `current_ua`, the highest allowed current.
+    `is_least`: the threshold is that or more, since nothing was felt up to there now; where
+    `is_felt`, a higher current was felt before.
+    """
 
     current_ua: float
     is_felt: bool = True
+    is_least: bool = False
 
 
 def coarse(start_ua: float) -> Procedure[Threshold]:
@@ -48,13 +52,16 @@ def limits(start_ua: float) -> Procedure[Threshold]:
     if not first.is_felt:
         return first
     found: list[float] = []
+    at_cap = 0
     while len(found) < ASCENTS or (_are_apart(found) and len(found) < _MOST_ASCENTS):
         around_ua = median(found) if found else first.current_ua
         threshold = yield from _ascend(around_ua * _BACK, FINE)
         if not threshold.is_felt:
             return threshold
         found.append(threshold.current_ua)
-    return Threshold(median(found) if _are_apart(found) else geometric_mean(found))
+        at_cap += threshold.is_least
+    middle_ua = median(found) if _are_apart(found) else geometric_mean(found)
+    return Threshold(middle_ua, is_least=2 * at_cap > len(found))
 
 
 def _are_apart(found: list[float]) -> bool:
@@ -68,7 +75,7 @@ def _ascend(start_ua: float, step: float) -> Procedure[Threshold]:
         heard = yield requested_ua
         if not heard.is_felt:
             if heard.is_at_cap:
-                return Threshold(heard.current_ua, is_felt=heard.is_cap_felt)
+                return Threshold(heard.current_ua, heard.is_cap_felt, is_least=True)
             unfelt_ua = heard.current_ua
             requested_ua = max(heard.current_ua * step, heard.current_ua + 1)
         elif unfelt_ua is not None:

@@ -36,8 +36,8 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     `lowered_ua`: by electrode, the cap after something was too strong there. It bounds all further
     presentations and the finished calibration. `seed`: of the random order; None in a file of
     before there was one, which continues in the array's order. `is_whole_accepted`: all electrodes
-    at once, at level 1, were presented with these figures and not too strong. `drift`, and
-    `skin_celsius`: as in the calibration.
+    at once, at level 1, were presented with these figures and not too strong. `drift`,
+    `is_drift_least` and `skin_celsius`: as in the calibration.
     """
 
     conditions: Conditions
@@ -49,6 +49,7 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     false_alarms: Annotated[int, Meta(ge=0)] = 0
     is_whole_accepted: bool = False
     drift: Annotated[float, Meta(ge=-1)] | None = None
+    is_drift_least: bool = False
     skin_celsius: SkinCelsius | None = None
 
     @property
@@ -244,6 +245,7 @@ def finished(
         catch_trials=catches or None,
         is_whole_accepted=progress.is_whole_accepted or None,
         drift=progress.drift,
+        is_drift_least=progress.is_drift_least or None,
         skin_celsius=progress.skin_celsius,
         false_alarm_rate=round(progress.false_alarms / catches, 3) if catches else None,
     )

@@ -73,7 +73,7 @@ def _around(center_ua: float) -> Procedure[Threshold]:
         quest.update(intensity=place, response="Yes" if heard.is_felt else "No")
     found_ua = center_ua * 10 ** _half_felt(quest.param_estimate)
     if most_ua is not None and found_ua > most_ua:
-        return Threshold(most_ua, is_felt=False)
+        return Threshold(most_ua, is_felt=False, is_least=True)
     return Threshold(found_ua)
 
 

@@ -43,7 +43,7 @@ def staircase(start_ua: float) -> Procedure[Threshold]:
             and heard.is_at_cap
             and estimate.above(heard.current_ua) > _ABOVE_CAP
         ):
-            return Threshold(heard.current_ua, is_felt=heard.is_cap_felt)
+            return Threshold(heard.current_ua, heard.is_cap_felt, is_least=True)
         spread, trials = estimate.spread, felt + missed
         is_known = spread < (_KNOWN if trials < _MANY else _NEAR)
         if is_known and trials >= _LEAST and min(felt, missed) >= _OF_EACH:

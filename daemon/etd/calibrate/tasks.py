@@ -129,8 +129,10 @@ class ThresholdTasks:
         return threshold
 
     def _again(self, found: ElectrodeLimits, reach: Reach) -> Procedure[ElectrodeLimits]:
+        """Not felt: its threshold is now this, or more."""
         threshold = yield from self._threshold(reach)
-        return replace(found, threshold_ua=round(threshold.current_ua), felt=threshold.is_felt)
+        now_ua = round(threshold.current_ua)
+        return replace(found, threshold_ua=now_ua, felt=not threshold.is_least)
 
     def _figures(self, electrode: int, reach: Reach) -> Procedure[ElectrodeLimits]:
         before = self._earlier(electrode)

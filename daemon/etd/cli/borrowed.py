@@ -38,12 +38,15 @@ def array_of(calibration: Calibration | None) -> str | None:
     return calibration.array
 
 
-def lend(address: str, name: str, which: str, calibration: Calibration | None) -> None:
-    """So that the private daemon at `address` has it, as the daemon `name` does.
+def lend(
+    address: str, name: str, which: str, calibration: Calibration | None, timeout_s: float = 2.0
+) -> None:
+    """So that the private daemon at `address`, which answers within the time, has it, as the daemon
+    `name` does.
 
     Raises: Refused (`not_found` if neither has it; `bad_calibration` if it is for another array).
     """
-    with Display(address=address) as private:
+    with Display(address=address, timeout_s=timeout_s) as private:
         there = private.calibrations()
         if which in there:
             return

@@ -35,6 +35,10 @@ from etd.protocol.calibration import MOST_SEED, Calibration, Method, SkinCelsius
 from etd.protocol.errors import DaemonGone, EtdError, FileError, Refused
 from etd.protocol.frame import Polarity
 from etd.protocol.messages import HelloReply
+from etd.protocol.opening import LEAST_LIMIT_UA
+
+#: As every client waits for an answer; and the longest, since a person sits before the screen.
+_ANSWERED_WITHIN_S, _MOST_ANSWERED_WITHIN_S = 2.0, 60.0
 
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
@@ -301,7 +305,7 @@ def _private(
     with own as address:
         if args.baseline is not None:
             with calibrated_first() if args.fit else contextlib.nullcontext():
-                lend(address, args.name, args.baseline, lent)
+                lend(address, args.name, args.baseline, lent, _answered_within_s(args))
         yield address
 
 
@@ -313,6 +317,7 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
         host=args.host,
         address=address,
         client=f"etd calibrate {args.participant}",
+        timeout_s=_answered_within_s(args),
     )
     if args.method == "equalize":
         return opened(calibration=args.baseline)
@@ -326,16 +331,26 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
     return opened(max_current_ua=args.max_current_ua, width_us=width_us)
 
 
+def _answered_within_s(args: argparse.Namespace) -> float:
+    """By the daemon. Of its own one, on the fake, all time-outs are longer, and so is this."""
+    if args.board is None:
+        return _ANSWERED_WITHIN_S
+    factor = args.timeout_factor or options.PRIVATE_TIMEOUT_FACTOR
+    return min(_ANSWERED_WITHIN_S * float(factor), _MOST_ANSWERED_WITHIN_S)
+
+
 def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
-    """Raises: FileError, with the bound; the daemon's own refusal would advise to calibrate."""
+    """Raises: FileError, with the bounds that hold here; the daemon's own refusal would advise to
+    calibrate, and knows of one too low only what holds anywhere.
+    """
     most_ua = facts.maxima.uncalibrated_current_ua
-    if max_current_ua > most_ua:
+    if not LEAST_LIMIT_UA <= max_current_ua <= most_ua:
         raise FileError(
             COMMAND_LINE,
             "--max-current-ua",
-            f"{max_current_ua} uA is too high",
-            f"at most {most_ua} uA is allowed without a calibration"
-            f" (uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
+            f"{max_current_ua} uA is too {'high' if max_current_ua > most_ua else 'low'}",
+            f"{LEAST_LIMIT_UA} to {most_ua} uA are allowed without a calibration (at most"
+            f" uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
         )
 
 

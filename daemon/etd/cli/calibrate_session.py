@@ -112,7 +112,7 @@ class CalibrateSession:
             on_presented=self._shown.presented,
             on_answered=self._trials.answered,
             on_found=lambda _: self._shown.found(),
-            on_drift=lambda drift: self._shown.advise(_rest_after(drift)),
+            on_drift=lambda drift, is_least: self._shown.advise(_rest_after(drift, is_least)),
             asks_sensation=self._args.ask_sensation,
         )
         self._shown.begin()
@@ -260,12 +260,14 @@ def _said_of_whole(before_ua: dict[int, int], progress: Progress) -> str | None:
     )
 
 
-def _rest_after(drift: float) -> str:
+def _rest_after(drift: float, is_least: bool) -> str:
     """Of at most two lines of a terminal."""
-    return (
-        f"The first electrode's threshold has {drift_in_words(drift)}.\n"
-        "Rest for five minutes: q, and later the same command."
-    )
+    if is_least:
+        risen = f"at least {max(drift, 0.0):.0%}"
+        first = f"The first electrode is not felt up to its cap now: risen by {risen}."
+    else:
+        first = f"The first electrode's threshold has {drift_in_words(drift, is_least=False)}."
+    return f"{first}\nRest for five minutes: q, and later the same command."
 
 
 def _today() -> datetime.date:

@@ -29,6 +29,7 @@ from etd.protocol.calibration_set import digest_of
 from etd.protocol.errors import FileError, Refused
 from etd.protocol.frame import Returns, Ring
 from etd.protocol.text import shown
+from etd_hal.compose import wall_time
 
 HELP = "list, show, export, import and delete the daemon's calibrations"
 EPILOG = """
@@ -127,7 +128,8 @@ def _show(args: argparse.Namespace) -> int:
         _print_json({"ok": True, **about})
         return 0
     conditions = {**_conditions(calibration), "digest": digest}
-    print("\n".join(map(shown, conditions_in_words(conditions))))
+    today = wall_time().date()
+    print("\n".join(map(shown, conditions_in_words(conditions, calibration.date, today))))
     if calibration.array == array.name and len(calibration.electrode) == array.electrodes:
         signs = _signs([limits.threshold_ua for limits in calibration.electrode])
         print("thresholds, low to high from 0 to 9:")

@@ -5,6 +5,7 @@ Owns: how each figure is said. Must not know: where a calibration comes from, JS
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable
 from typing import Any
 
@@ -13,30 +14,54 @@ from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.exponent import FittedExponent
 
 
-def conditions_in_words(conditions: dict[str, object]) -> list[str]:
-    """`conditions`: by the key that the file has."""
+def conditions_in_words(
+    conditions: dict[str, object], calibrated: datetime.date, today: datetime.date
+) -> list[str]:
+    """`conditions`: by the key that the file has, of a calibration of this day."""
+    is_least = conditions.get("is_drift_least") is True
+    words: dict[str, Callable[[Any], str]] = {
+        **_WORDS,
+        "drift": lambda drift: _drift(drift, is_least),
+        "exponent": lambda fitted: _exponent(fitted, calibrated, today),
+    }
     return [
-        f"{key:<18} {'not given' if value is None else _WORDS.get(key, str)(value)}"
+        f"{key:<18} {'not given' if value is None else words.get(key, str)(value)}"
         for key, value in conditions.items()
     ]
 
 
-def _exponent(fitted: FittedExponent) -> str:
-    use = f"may be used with {fitted.board} and its leak of {fitted.leak_ohm} ohm"
-    if fitted.why_not is not None:
-        use = f"not for this person: {fitted.why_not}"
+def k_in_words(fitted: FittedExponent) -> str:
+    """k, its interval, and what it explains of what: a figure that was not kept is not said."""
+    k = f"k = {fitted.k:.2f} ({fitted.low:.2f} to {fitted.high:.2f})"
+    of = f"thresholds of {len(fitted.electrodes)} electrodes did in {fitted.states} states"
+    timeless = f"{fitted.explained:.0%} of what a line over time leaves of"
+    if fitted.explained_of_all is None:
+        return f"{k}; it explains {timeless} what {of}"
     return (
-        f"k = {fitted.k:.2f} ({fitted.low:.2f} to {fitted.high:.2f}), explains"
-        f" {fitted.explained:.0%}, {len(fitted.electrodes)} electrodes in {fitted.states} states of"
-        f" the skin, whose resistance changed {fitted.fold:.1f}-fold, {fitted.date.isoformat()}:"
-        f" {use}"
+        f"{k}; it explains {fitted.explained_of_all:.0%} of all that {of}, and {timeless} it;"
+        f" the skin's resistance changed {fitted.fold:.1f}-fold"
     )
 
 
-def _drift(drift: float) -> str:
-    if drift == 0.0:
+def _exponent(fitted: FittedExponent, calibrated: datetime.date, today: datetime.date) -> str:
+    use = f"may be used with {fitted.board} and its leak of {fitted.leak_ohm} ohm"
+    if (why := fitted.why_not_in(calibrated, today)) is not None:
+        use = f"not for this person: {why}"
+    silent = ""
+    if fitted.false_alarm_rate is not None:
+        silent = f"; {_alarms(fitted.false_alarm_rate)} were felt"
+    return f"{k_in_words(fitted)}{silent}; {fitted.date.isoformat()}: {use}"
+
+
+def _alarms(rate: float) -> str:
+    return f"{rate:.0%} of the silent trials"
+
+
+def _drift(drift: float, is_least: bool) -> str:
+    if drift == 0.0 and not is_least:
         return "none, of the first electrode's threshold"
-    return f"the first electrode's threshold had {drift_in_words(drift)} when it was asked again"
+    said = drift_in_words(drift, is_least=is_least)
+    return f"the first electrode's threshold had {said} when it was asked again"
 
 
 #: What is not said as it stands, by its key.
@@ -45,10 +70,9 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "rate_hz": lambda value: f"{value:g} Hz",
     "largest_cap_ua": lambda value: f"{value} uA",
     "skin_celsius": lambda value: f"{value:g} C",
-    "false_alarm_rate": lambda value: f"{value:.0%} of the silent trials",
+    "false_alarm_rate": _alarms,
     "is_whole_accepted": lambda _: "yes, all electrodes at once at level 1",
-    "drift": _drift,
-    "exponent": _exponent,
+    "is_drift_least": lambda _: "yes, it was not felt any more up to its cap",
 }
 
 

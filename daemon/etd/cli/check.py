@@ -18,6 +18,7 @@ from etd.files.check import Checked, check_file
 from etd.protocol.calibration_set import check_together
 from etd.protocol.errors import Refused
 from etd.protocol.text import shown
+from etd_hal.compose import wall_time
 
 if TYPE_CHECKING:
     from etd.cli.check_draw import Drawn
@@ -73,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
     is no calibration, or cannot be drawn, or a picture that cannot be written.
     """
     _check_wish(args)
-    answers = [check_file(path) for path in args.files]
+    today = wall_time().date()
+    answers = [check_file(path, today) for path in args.files]
     all_good = all(answer.error is None for answer in answers)
     together = _together(args) if args.together and all_good else None
     drawn = _draw(args, answers[0]) if args.draw is not None and all_good else None

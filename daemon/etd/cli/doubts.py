@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from etd.calibrate.course import MOST_DRIFT
-from etd.cli.false_alarms import said_of_false_alarms
+from etd.calibrate.course import MOST_DRIFT, is_rest_due
+from etd.cli.false_alarms import said_of_false_alarms, said_of_false_alarms_of_fit
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 
 
@@ -17,23 +17,28 @@ def doubts_of(made: Calibration) -> list[str]:
     """None where nothing is known against it."""
     found = (
         said_of_false_alarms(made),
+        said_of_false_alarms_of_fit(made),
         _of_drift(made),
         said_of_caps(dict(enumerate(made.electrode))),
     )
     return [sentence for sentence in found if sentence is not None]
 
 
-def drift_in_words(drift: float) -> str:
-    """`risen by 42 %`"""
+def drift_in_words(drift: float, *, is_least: bool) -> str:
+    """`risen by 42%`; by at least so much, where it was not felt any more up to its cap."""
+    if is_least:
+        return f"risen by at least {max(drift, 0.0):.0%} (it was not felt up to its cap)"
     return f"{'risen' if drift > 0 else 'fallen'} by {abs(drift):.0%}"
 
 
 def _of_drift(made: Calibration) -> str | None:
-    if made.drift is None or abs(made.drift) <= MOST_DRIFT:
+    is_least = made.is_drift_least is True
+    if made.drift is None or not is_rest_due(made.drift, is_least=is_least):
         return None
+    bound = "" if is_least else f", more than {MOST_DRIFT:.0%}"
     return (
-        f"the first electrode's threshold had {drift_in_words(made.drift)} when it was last asked"
-        f" again, more than {MOST_DRIFT:.0%}: those of the others may be off by as much; let"
+        f"the first electrode's threshold had {drift_in_words(made.drift, is_least=is_least)} when"
+        f" it was last asked again{bound}: those of the others may be off by as much; let"
         f" {made.participant} rest, and calibrate again"
     )
 

@@ -38,13 +38,16 @@ from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_result import same_command, store
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
+from etd.cli.calibration_shown import k_in_words
+from etd.cli.false_alarms import said_of_false_alarms_of_fit
 from etd.cli.keys import Keyboard, keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
-from etd.protocol.calibration import MOST_SEED
+from etd.protocol.calibration import MOST_SEED, Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
+from etd.protocol.text import shown
 from etd_hal.compose import wall_time
 
 #: Where conditions are not those of the calibration that k is added to.
@@ -152,28 +155,29 @@ class FitSession:
             return 1
         made = msgspec.structs.replace(self._baseline, exponent=found)
         store(self._args, self._display, self._which, made, self._file)
-        self._answer(found)
+        self._answer(found, made)
         return 0
 
-    def _answer(self, found: FittedExponent) -> None:
+    def _answer(self, found: FittedExponent, made: Calibration) -> None:
+        why_not = found.why_not_in(made.date, wall_time().date())
+        doubt = said_of_false_alarms_of_fit(made)
         if self._args.json:
             answer = {
                 "ok": True,
                 "name": self._which,
                 "exponent": found,
-                "usable": found.why_not is None,
-                "why_not": found.why_not,
+                "usable": why_not is None,
+                "why_not": why_not,
+                "warning": doubt,
                 "trials": self.trials,
             }
             print(msgspec.json.encode(answer).decode())
             return
-        print(
-            f"{self._which}: k = {found.k:.2f} ({found.low:.2f} to {found.high:.2f}); it explains"
-            f" {found.explained:.0%} of what thresholds of {len(found.electrodes)} electrodes did"
-            f" in {found.states} states; the skin's resistance changed {found.fold:.1f}-fold"
-        )
-        if found.why_not is not None:
-            print(f"power_law is not for this person: {found.why_not}")
+        print(f"{self._which}: {k_in_words(found)}")
+        if why_not is not None:
+            print(f"power_law is not for this person: {why_not}")
+        if doubt is not None:
+            print(shown(doubt))
         if self.trials is not None:
             print(f"trials: {self.trials}")
 

@@ -15,7 +15,7 @@ from etd.engine.supervisor import Supervisor
 from etd.protocol.calibration import Calibration
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused, halted
-from etd.protocol.exponent import check_exponent
+from etd.protocol.exponent import check_exponent, no_exponent
 from etd.protocol.frame import check_shape
 from etd.protocol.link import (
     Alive,
@@ -190,8 +190,11 @@ def _begin_lease(
     else:
         raise Refused("limits_missing", "open with a calibration or with limits")
     if loaded.body_site.stabilize.power_law is not None:
-        for exponent in [it.exponent for it in calibrations] or [None]:
-            check_exponent(exponent, loaded.board.name, loaded.board.source.leak_ohm)
+        board, leak_ohm = loaded.board.name, loaded.board.source.leak_ohm
+        if not calibrations:
+            raise no_exponent()
+        for made in calibrations:
+            check_exponent(made.exponent, board, leak_ohm, made.date)
     told = taken(command, calibrations)
     lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns, told)
     lease.renew(host_ns)

@@ -90,7 +90,7 @@ class StimulusAdapter:
             self._by_phases = {PHASES[it.polarity]: it for it in (calibration, *others)}
         each = () if calibration is None else (calibration, *others)
         self._exponents = {
-            it.polarity: usable_k(it.exponent, self._board, self._leak_ohm) for it in each
+            it.polarity: usable_k(it.exponent, self._board, self._leak_ohm, it.date) for it in each
         }
         self._impedance.is_early_wanted = is_early
         self._feeling.lease_begun()

@@ -7,6 +7,7 @@ themselves (each kind's own module has them), how the answer is printed.
 from __future__ import annotations
 
 import codecs
+import datetime
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from etd.files.json_file import read_json
 from etd.files.resources import find
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError
-from etd.protocol.exponent import FittedExponent
 from etd.stabilize.settings import BY_RESISTANCE, Settings
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
 from etd_hal.errors import FileError
@@ -48,21 +48,23 @@ _MOST_KEYS = 8
 Answer = tuple[str, str, tuple[str, ...]]
 
 
-def check_file(path: Path) -> Checked:
-    """Recognize and check one file; what is wrong with it is in the answer, never raised."""
+def check_file(path: Path, today: datetime.date | None = None) -> Checked:
+    """Recognize and check one file; what is wrong with it is in the answer, never raised. `today`:
+    where it is known, nothing is of a later day.
+    """
     kind = ""
     try:
-        kind, check = _recognize(path)
+        kind, check = _recognize(path, today)
         name, summary, mended = check()
     except EtdError as error:
         return Checked(file=str(path), kind=kind, error=str(error))
     return Checked(file=str(path), kind=kind, name=name, summary=summary, mended=mended)
 
 
-def _recognize(path: Path) -> tuple[str, Callable[[], Answer]]:
+def _recognize(path: Path, today: datetime.date | None) -> tuple[str, Callable[[], Answer]]:
     begin = _first_bytes(path).removeprefix(codecs.BOM_UTF8).lstrip()
     is_json = path.suffix == ".json" or (path.suffix != ".toml" and begin[:1] in (b"{", b"["))
-    return _recognize_json(path) if is_json else _recognize_toml(path)
+    return _recognize_json(path) if is_json else _recognize_toml(path, today)
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -91,7 +93,7 @@ def _recognize_json(path: Path) -> tuple[str, Callable[[], Answer]]:
     )  # fmt: skip
 
 
-def _recognize_toml(path: Path) -> tuple[str, Callable[[], Answer]]:
+def _recognize_toml(path: Path, today: datetime.date | None) -> tuple[str, Callable[[], Answer]]:
     """By the keys at the top, so that a file with a typo is still known for what it is."""
     keys = set(read_toml(path))
     scores = {kind: len(keys & _own_keys(struct)) for kind, (struct, _) in _TOML_KINDS.items()}
@@ -103,7 +105,9 @@ def _recognize_toml(path: Path) -> tuple[str, Callable[[], Answer]]:
             f"its keys are those of no kind of file ({_in_short(keys)})",
             f"the kinds are {', '.join(_TOML_KINDS)}",
         )
-    check = _TOML_KINDS[best[0]][1]
+    struct, check = _TOML_KINDS[best[0]]
+    if struct is Calibration:
+        return best[0], lambda: _calibration(path, today)
     return best[0], lambda: check(path)
 
 
@@ -185,24 +189,25 @@ def _stabilized(settings: Settings) -> str:
     return "; ".join(parts)
 
 
-def _calibration(path: Path) -> Answer:
+def _calibration(path: Path, today: datetime.date | None = None) -> Answer:
     calibration = load_calibration(path)
     _check_count(calibration, path)
     caps_ua = [limits.cap_ua for limits in calibration.electrode]
     summary = (
         f"{len(caps_ua)} electrodes of {calibration.array} on the {calibration.body_site},"
         f" {calibration.polarity}, {calibration.width_us} us, caps up to {max(caps_ua, default=0)}"
-        f" uA; {_k_of(calibration.exponent)}"
+        f" uA; {_k_of(calibration, today)}"
     )
     return calibration.participant, summary, ()
 
 
-def _k_of(exponent: FittedExponent | None) -> str:
+def _k_of(calibration: Calibration, today: datetime.date | None) -> str:
     """Of which board it holds the file says itself: which one is here, it does not."""
+    exponent = calibration.exponent
     if exponent is None:
         return "no k"
-    if exponent.why_not is not None:
-        return f"power_law refuses it: {exponent.why_not}"
+    if (why := exponent.why_not_in(calibration.date, today)) is not None:
+        return f"power_law is not for this person: {why}"
     return f"k = {exponent.k:.2f} for power_law on {exponent.board} ({exponent.leak_ohm} ohm)"
 
 

@@ -88,6 +88,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     is_whole_accepted: Literal[True] | None = None
     #: By how much the threshold of the first electrode had changed when it was last asked again.
     drift: Annotated[float, Meta(ge=-1)] | None = None
+    #: It was not felt any more up to its cap, so that its threshold has risen by that or more.
+    is_drift_least: Literal[True] | None = None
     #: Of the skin under the array, as noted by the operator.
     skin_celsius: SkinCelsius | None = None
     #: How far this person's thresholds follow the resistance, for `power_law`.

@@ -29,10 +29,14 @@ Digest = Annotated[str, Meta(pattern=DIGEST_PATTERN)]
 Digests = Annotated[tuple[Digest, ...], Meta(max_length=MOST_CALIBRATIONS)]
 
 
+#: Of a lease without a calibration.
+LEAST_LIMIT_UA = 50
+
+
 class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person's limits without a calibration; both are needed."""
 
-    max_current_ua: Annotated[int, Meta(ge=50, le=10_000)]
+    max_current_ua: Annotated[int, Meta(ge=LEAST_LIMIT_UA, le=10_000)]
     width_us: Annotated[int, Meta(ge=20, le=200)]
 
 
