@@ -183,7 +183,7 @@ def test_a_runtime_folder_that_cannot_be_made_is_told_with_what_to_do(tmp_path: 
     (tmp_path / "file").touch()
     with pytest.raises(FileError, match="this is no folder; name a folder"):
         paths.prepare_runtime(tmp_path / "file" / "main")
-    with pytest.raises(FileError, match="cannot be made .* with --folder, or with XDG_RUNTIME_DIR"):
+    with pytest.raises(FileError, match=r"cannot be made .* --folder, or with XDG_RUNTIME_DIR"):
         paths.prepare_runtime(Path("/proc/nope"))
 
 
