@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
 from etd.protocol.errors import FileError
 from etd.record.consistency import Consistency
 from etd.record.lines import FORMAT, End, Header, Line, Lost, decoded
+
+#: In bytes. No line of a record is as long: what is longer is something else, and read no further.
+MAX_LINE: Final = 16_000_000
 
 
 class RecordReader:
@@ -53,8 +57,10 @@ class RecordReader:
         read_bytes = 0
         try:
             with self.path.open("rb") as file:
-                for number, data in enumerate(file, start=1):
+                for number, data in enumerate(iter(lambda: file.readline(MAX_LINE), b""), start=1):
                     read_bytes += len(data)
+                    if len(data) == MAX_LINE:
+                        raise self._no_line(number, f"it has {MAX_LINE} bytes and no end")
                     if not data.endswith(b"\n"):
                         break  # torn: it was being written
                     yield self._noted(self._line(number, data), number)
@@ -76,12 +82,15 @@ class RecordReader:
             self._consistency.check(line)
             return line
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise FileError(
-                str(self.path),
-                f"line {number}",
-                f"it is no line of a record ({error})",
-                "a file that `etd record get` has written, unchanged",
-            ) from None
+            raise self._no_line(number, str(error)) from None
+
+    def _no_line(self, number: int, why: str) -> FileError:
+        return FileError(
+            str(self.path),
+            f"line {number}",
+            f"it is no line of a record ({why})",
+            "a file that `etd record get` has written, unchanged",
+        )
 
     def _noted(self, line: Line, number: int) -> Line:
         if number == 1:
