@@ -276,7 +276,7 @@ def test_where_the_report_cannot_be_kept_nothing_is_tested(
     state: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     state.parent.parent.write_text("a file where the folder should be")
-    assert "cannot be written" in refused([*FULL, *LOAD], capsys)
+    assert "this is no folder" in refused([*FULL, *LOAD], capsys)
 
 
 @pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])

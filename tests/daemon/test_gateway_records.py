@@ -197,7 +197,7 @@ def test_where_no_folder_can_be_a_record_is_refused_and_all_else_goes_on(rig: Ga
     (rig.state_dir / "records").write_text("in the way")
     refused = record(rig, "start", "p01")
     assert refused["error"] == "record_failed"
-    assert "cannot be a folder" in refused["reason"]
+    assert "this is no folder" in refused["reason"]
     assert rig.open()
 
 

@@ -114,7 +114,7 @@ def test_a_record_that_is_torn_anywhere_is_read_up_to_there(path: Path) -> None:
         path.write_bytes(whole[:at])
         reader = RecordReader(path)
         if at < ends[1]:
-            with pytest.raises(FileError, match="(nothing|before anything) was recorded"):
+            with pytest.raises(FileError, match=r"(nothing|before anything) was recorded"):
                 list(reader)
             continue
         assert len(list(reader)) == sum(end <= at for end in ends[1:])

@@ -56,7 +56,7 @@ def test_the_engines_user_can_read_what_the_operator_wrote(passed: Report, tmp_p
 
 def test_a_report_that_cannot_be_kept_says_what_to_do(passed: Report, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(FileError, match="cannot be written"):
+    with pytest.raises(FileError, match="this is no folder"):
         save(passed, tmp_path / "file" / "r.json")
 
 

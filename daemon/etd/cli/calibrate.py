@@ -27,7 +27,7 @@ from etd.cli.extras import check_fake
 from etd.cli.fit_session import FitSession, calibrated_first
 from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
-from etd.cli.private_daemon import private_daemon, termination_as_ctrl_c
+from etd.cli.private_daemon import answer_within_s, private_daemon, termination_as_ctrl_c
 from etd.client import Display
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.paths import check_name
@@ -37,8 +37,8 @@ from etd.protocol.frame import Polarity
 from etd.protocol.messages import HelloReply
 from etd.protocol.opening import LEAST_LIMIT_UA
 
-#: As every client waits for an answer; and the longest, since a person sits before the screen.
-_ANSWERED_WITHIN_S, _MOST_ANSWERED_WITHIN_S = 2.0, 60.0
+#: As every client waits for an answer.
+_ANSWERED_WITHIN_S = 2.0
 
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
@@ -335,8 +335,7 @@ def _answered_within_s(args: argparse.Namespace) -> float:
     """By the daemon. Of its own one, on the fake, all time-outs are longer, and so is this."""
     if args.board is None:
         return _ANSWERED_WITHIN_S
-    factor = args.timeout_factor or options.PRIVATE_TIMEOUT_FACTOR
-    return min(_ANSWERED_WITHIN_S * float(factor), _MOST_ANSWERED_WITHIN_S)
+    return answer_within_s(args.timeout_factor)
 
 
 def _check_limit(max_current_ua: int, facts: HelloReply) -> None:

@@ -25,8 +25,9 @@ from etd.protocol.errors import NO_TIME, DaemonGone, PartEnded, Refused
 if TYPE_CHECKING:
     from etd.cli.process_pair import ProcessPair
 
-#: What a client waits by itself; and at most: a person sits before the screen.
-_ANSWER_WITHIN_S, _MOST_ANSWER_WITHIN_S = 2.0, 60.0
+#: What a client waits by itself, and that of a verb's own daemon; at most: a person sits before the
+#: screen.
+_ANSWER_WITHIN_S, _OWN_ANSWER_WITHIN_S, _MOST_ANSWER_WITHIN_S = 2.0, 10.0, 60.0
 _ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -70,7 +71,9 @@ def answer_within_s(timeout_factor: int | None) -> float:
     """How long its client waits for an answer: on a busy machine that has no time for the daemon
     either.
     """
-    return min(_ANSWER_WITHIN_S * (timeout_factor or PRIVATE_TIMEOUT_FACTOR), _MOST_ANSWER_WITHIN_S)
+    if timeout_factor is None:
+        return _OWN_ANSWER_WITHIN_S
+    return min(_ANSWER_WITHIN_S * timeout_factor, _MOST_ANSWER_WITHIN_S)
 
 
 @contextmanager
