@@ -87,7 +87,8 @@ MEASUREMENTS = (
         "Mistakes in what bounds current",
         "tests/mutants/run.py --json",
         "tests/mutants/run.py --json guard",
-        "One mistake after another in the source, and which of them no test sees.",
+        "One mistake after another in the source, and which of them no test sees. What was tried"
+        " over the same sources before is not tried again: the time is of the rest.",
     ),
 )
 
