@@ -39,6 +39,9 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     silent_on: tuple[str, ...] = ()
     #: Which hardware bounds it, where no guard of these boards does.
     needs: str = ""
+    #: So much may be silent of a class that something tells, where it comes again and again in step
+    #: with what is looked at; `why` says how. In uC, as below.
+    in_step_uc: float = 0.0
     #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
     #: gets without the fault, where a pulse has `PULSE_PC`; with stronger ones as much more.
     uc: Mapping[str, float] = {}
@@ -88,10 +91,11 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
         return one.seen
     if row is None:
         return f"{FILE.name} has no row for it"
-    where = where_of(one)
-    if is_silent(one) and where != BENCH and (told_by := row.rows_on(where)):
+    where, times = where_of(one), one.pulse_pc / PULSE_PC
+    told_by = () if where == BENCH else row.rows_on(where)
+    if is_silent(one) and told_by and beyond_uc > row.in_step_uc * times:
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
-    most_uc = row.uc.get(where, 0.0) * one.pulse_pc / PULSE_PC
+    most_uc = row.uc.get(where, 0.0) * times
     if beyond_uc > most_uc:
         return f"{beyond_uc:.3f} uC, more than the {most_uc:g} uC of its row"
     if where == GUARDED and beyond_uc > MOST_UC and not _needs(one, rows):

@@ -129,7 +129,7 @@ def test_what_is_said_to_tell_a_class_is_a_row_of_the_page() -> None:
     rows = {line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")}
     for name, bound in bounds().items():
         assert {*bound.told_by, *bound.guarded_by} <= rows, name
-        is_told = bool(bound.told_by) and not bound.silent_on
+        is_told = bool(bound.told_by) and not bound.silent_on and not bound.in_step_uc
         assert is_told or bound.why, f"{name}: nothing tells it, and nothing says why"
 
 
@@ -169,6 +169,10 @@ def test_what_does_not_hold_is_said() -> None:
     assert not_met([without_guards], {"a gain": row}) == []
     silent_there = Bound(told_by=("a check",), silent_on=(GUARDED,), uc={GUARDED: 1.0})
     assert not_met([told(beyond_shared_pc=9_000.0)], {"a gain": silent_there}) == []
+    in_step = Bound(told_by=("a check",), in_step_uc=0.009, uc={GUARDED: 1.0})
+    assert not_met([told(beyond_shared_pc=9_000.0)], {"a gain": in_step}) == []
+    (too_much,) = not_met([told(beyond_shared_pc=9_001.0)], {"a gain": in_step})
+    assert "in silence" in too_much
 
 
 def test_a_pair_may_pass_what_the_guards_let_through_only_where_one_of_the_two_may() -> None:
