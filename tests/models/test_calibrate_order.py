@@ -267,6 +267,22 @@ def test_what_a_slip_or_a_pause_kept_from_being_asked_is_asked_all_the_same() ->
     assert len(progress.found) == 16
 
 
+def told_drifts(
+    progress: Progress, skin: NoisySkin, on_found: Callable[[int], None], electrodes: int
+) -> list[tuple[float, bool]]:
+    """Each drift that a whole course tells of, and whether it is at least so much."""
+    drifts: list[tuple[float, bool]] = []
+    Course(
+        progress,
+        skin,
+        Person(skin),
+        lambda: TODAY,
+        on_found=on_found,
+        on_drift=lambda *told: drifts.append(told),
+    ).run(range(electrodes))
+    return drifts
+
+
 @pytest.mark.parametrize("times", [1.0, 1.5])
 @pytest.mark.parametrize("electrodes", [8, 16])
 def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drifted(
@@ -275,7 +291,6 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
     """After eight electrodes, or half of them."""
     skin = NoisySkin(16, 31)
     progress = Progress(conditions=replace(CONDITIONS, electrodes=electrodes), seed=5)
-    drifts: list[tuple[float, bool]] = []
     found: dict[int, object] = {}
 
     def drift(_: int) -> None:
@@ -285,14 +300,7 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
             skin.pain_ua = [5.0 * value for value in skin.pain_ua]
 
     skin.pain_ua = [5.0 * value for value in skin.pain_ua]
-    Course(
-        progress,
-        skin,
-        Person(skin),
-        lambda: TODAY,
-        on_found=drift,
-        on_drift=lambda *told: drifts.append(told),
-    ).run(range(electrodes))
+    drifts = told_drifts(progress, skin, drift, electrodes)
     assert progress.drift == pytest.approx(times - 1.0, abs=0.1)
     assert drifts == ([(progress.drift, False)] if times > 1.0 else [])
     (first,) = found
@@ -313,19 +321,11 @@ def test_a_drift_that_ends_at_the_cap_is_at_least_so_much_and_a_rest_is_due(
     cap_ua = 1_120 if capped_by == "limit" else 4_000
     conditions = replace(CONDITIONS, electrodes=8, cap_ua=cap_ua, method=method)
     progress = Progress(conditions=conditions, seed=5)
-    drifts: list[tuple[float, bool]] = []
 
     def drift(_: int) -> None:
         skin.threshold_ua, skin.pain_ua = [1_600.0] * 16, [9_000.0] * 16
 
-    Course(
-        progress,
-        skin,
-        Person(skin),
-        lambda: TODAY,
-        on_found=drift,
-        on_drift=lambda *told: drifts.append(told),
-    ).run(range(8))
+    drifts = told_drifts(progress, skin, drift, 8)
     assert progress.drift is not None
     assert progress.drift < MOST_DRIFT, "as far as it can be seen"
     assert progress.is_drift_least

@@ -103,7 +103,7 @@ def draw(display: Display, heard: Iterator[Item | None], pressed: Callable[[], s
     title = f"etd {facts.name} (backend: {facts.board.backend}; {facts.board.name})"
     with picture_of(monitor, title) as picture:
         for item in heard:
-            # At each report too: where many come, nobody waits for the picture to be lowered.
+            # Before each report too: a press must not wait for a pause between reports.
             for _ in range(pressed().count(TOO_STRONG)):
                 _lower(display, monitor)
             if item is not None:

@@ -136,10 +136,10 @@ def halted(cause: str, source: str, detail: str) -> Refused:
     )
 
 
-#: Of a daemon at whose sockets somebody listens, though no answer comes.
+#: Of a daemon whose sockets accept connections, though no answer comes.
 HELD_UP = "it is there, but hangs, or is held up by other programs: `etd status` asks it again"
 
-#: To whoever has started the processes of a daemon that is not ready, or does not answer.
+#: For a command whose own daemon is not ready, or does not answer.
 NO_TIME = "its processes run, but were held up: start it again on a machine that has time for them"
 
 

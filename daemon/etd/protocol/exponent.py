@@ -123,7 +123,7 @@ class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     def why_not_in(
         self, calibrated: datetime.date, today: datetime.date | None = None
     ) -> str | None:
-        """The same in a calibration of this day. `today`: where somebody knows it."""
+        """The same in a calibration of this day. `today`: where there is a wall clock."""
         if (why := self.why_not) is not None:
             return why
         if self.date < calibrated:

@@ -17,7 +17,7 @@ from etd.record.consistency import Consistency
 from etd.record.lines import FORMAT, End, Header, Line, Lost, decoded
 
 #: In bytes. No line of a record is as long: what is longer is something else, and read no further.
-MAX_LINE: Final = 16_000_000
+MAX_LINE_BYTES: Final = 16_000_000
 
 
 class RecordReader:
@@ -57,10 +57,12 @@ class RecordReader:
         read_bytes = 0
         try:
             with self.path.open("rb") as file:
-                for number, data in enumerate(iter(lambda: file.readline(MAX_LINE), b""), start=1):
+                for number, data in enumerate(
+                    iter(lambda: file.readline(MAX_LINE_BYTES), b""), start=1
+                ):
                     read_bytes += len(data)
-                    if len(data) == MAX_LINE:
-                        raise self._no_line(number, f"it has {MAX_LINE} bytes and no end")
+                    if len(data) == MAX_LINE_BYTES:
+                        raise self._no_line(number, f"it has {MAX_LINE_BYTES} bytes and no end")
                     if not data.endswith(b"\n"):
                         break  # torn: it was being written
                     yield self._noted(self._line(number, data), number)
