@@ -24,7 +24,8 @@ Done = TypeVar("Done")
 
 
 class Killed(BaseException):
-    """The process ended at this operation: nothing catches it."""
+    """The process ended at this operation. No `except` catches it, but `finally` still runs, as it does not in
+    a process that is killed: those kills are real ones, of tests/bench/kills.py."""
 
 
 class Operations:
