@@ -24,8 +24,9 @@ Done = TypeVar("Done")
 
 
 class Killed(BaseException):
-    """The process ended at this operation. No `except` catches it, but `finally` still runs, as it does not in
-    a process that is killed: those kills are real ones, of tests/bench/kills.py."""
+    """The process ended at this operation. No `except` catches it, but `finally` still runs, as in
+    no process that is killed: real kills are those of `tests/bench/kills.py`.
+    """
 
 
 class Operations:
