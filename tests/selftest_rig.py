@@ -27,6 +27,7 @@ from etd_hal.fake.faults import Fault
 from etd_hal.fake.fingertip import fingertip_body
 from etd_hal.fake.kill_test_process import FakeKillTestProcess
 from etd_hal.fake.operator import FakeOperator
+from etd_hal.fake.stepped_beside import SteppedBeside
 from etd_hal.linesetup import line_setup, spi_setup
 from etd_hal.ports import Message, Spi
 
@@ -224,6 +225,7 @@ def selftest_rig(
         *(watch, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
         host_clock=clock,
         codec=codec_of(loaded.board.source),
+        beside=SteppedBeside(ports.gpio, clock),
     )
     at_board = FakeOperator(fake.world, clock, really_ohm or {})
     load = second = None

@@ -129,7 +129,9 @@ class Backend:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A board as the self-test needs it: the ports, the machine, and the fake's operator."""
+    """A board as the self-test needs it: the ports, with a stopper `beside` them, the machine, and
+    the fake's operator.
+    """
 
     backend: Backend
     host: Host

@@ -206,6 +206,7 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     """
     # This call reports what is missing, packages included; they are imported only after it.
     open_linux(board, machine).close()
+    from etd_hal.linux.beside import LinuxBeside
     from etd_hal.linux.gpio import find_chip, keeps_driving
     from etd_hal.linux.host import LinuxHost
     from etd_hal.linux.kill_test_process import LentGpio, LinuxKillTestProcess
@@ -215,8 +216,10 @@ def open_linux_bench(board: BoardFile, machine: MachineFile) -> Bench:
     keeps_pins = keeps_driving(find_chip(board.gpio_chip_labels), setup)
     spi, gpio, i2c, clock = open_ports(board, machine, setup)
     lent = LentGpio(gpio, lambda: open_lines(board, setup))
+    device = None if board.i2c == "absent" else board.i2c
+    backend = _on_kernel(board, spi, lent, i2c, clock)
     return Bench(
-        _on_kernel(board, spi, lent, i2c, clock),
+        dataclasses.replace(backend, beside=LinuxBeside(lent, device)),
         LinuxHost(machine, keeps_pins),
         None,
         LinuxKillTestProcess(board, setup, lent),
@@ -233,13 +236,14 @@ def open_fake_bench(board: BoardFile, *, electrodes: Sequence[int]) -> Bench:
     from etd_hal.fake.fingertip import untouched
     from etd_hal.fake.kill_test_process import FakeKillTestProcess
     from etd_hal.fake.operator import FakeOperator
+    from etd_hal.fake.stepped_beside import SteppedBeside
 
     clock = SteppedClock()
     fake = FakeBoard(board, clock, untouched(board, len(electrodes)), electrodes=electrodes)
     ports = fake.request(line_setup(board), spi_setup(board))
     backend = _on_fake(board, ports, clock, ports.close)
     return Bench(
-        backend,
+        dataclasses.replace(backend, beside=SteppedBeside(ports.gpio, clock)),
         fake.world.host,
         FakeOperator(fake.world, clock),
         FakeKillTestProcess(fake, board, ports.gpio, line_setup(board), clock),

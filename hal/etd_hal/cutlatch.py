@@ -62,6 +62,12 @@ class CutLatch:
         """Whether a cut stands: only a completed `Board.safe_off` ends it."""
         return self.words[CUTS] != self.ended
 
+    def expect(self, due_ns: int) -> None:
+        """The stopper is told of a message that is due then; 0: of none. Each message tells it by
+        itself: this is for trying the stopper out.
+        """
+        self.words[DUE_NS] = due_ns
+
     def see(self) -> int:
         """From now on no call switches on what was cut; the stopper need not repeat its call.
         Returns how many cuts there were.

@@ -26,6 +26,7 @@ from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.kill_test_process import FakeKillTestProcess
 from etd_hal.fake.operator import FakeOperator
+from etd_hal.fake.stepped_beside import SteppedBeside
 from etd_hal.linesetup import line_setup, spi_setup
 from selftest_rig import DATE, LOAD_OHM, SECOND_OHM
 
@@ -59,6 +60,7 @@ class SelftestScene:
             *(ports.spi, ports.gpio, ports.i2c, clock, ports.marker, ports.close),
             host_clock=clock,
             codec=codec_of(source),
+            beside=SteppedBeside(ports.gpio, clock),
         )
         at_board = FakeOperator(fake.world, clock, {})
         load, second = (DummyLoad(ohm, 1, 2) for ohm in (LOAD_OHM, SECOND_OHM))

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from etd.files.configuration import LoadedConfig
 from etd.selftest.beats import Beats
 from etd.selftest.subject import subject_of
-from etd_hal.backend import Bench
+from etd_hal.backend import Bench, StopperTask
 from etd_hal.bench import Health, Operator, StopName
 from etd_hal.board import Board
 from etd_hal.chips import ads1115
-from etd_hal.errors import BoardFault
+from etd_hal.errors import BoardFault, BusError
 from etd_hal.ports import I2c
 
 MS = 1_000_000
@@ -78,6 +78,8 @@ class Fixture:
         #: The machine's, before anything was switched.
         self.health_before: Health | None = None
         self._i2c = backend.i2c
+        self._beside = backend.beside
+        self._stopper: StopperTask | None = None
         #: Another process holds the lines: this process cannot read a stop.
         self.is_lent = False
 
@@ -94,6 +96,25 @@ class Fixture:
         if self._i2c is None:
             raise BoardFault("I2C", "not open", "a bus for the chips that the board file names")
         return self._i2c
+
+    def start_stopper(self) -> StopperTask:
+        """Beside the test until `end_stopper`; it holds the lines too, so they cannot be lent any
+        more. It is above this thread, as it is above the engine's. Raises: BusError.
+        """
+        if self._beside is None:
+            raise BusError("absent", "the stopper", "beginning", "this bench starts no process")
+        wanted = self.loaded.config.engine
+        priority = None if wanted.priority == "none" else wanted.priority + 1
+        core = None if wanted.core == "any" else wanted.core
+        board = self.board
+        self._stopper = self._beside.stopper(board.cut, board.safe_changes, None, priority, core)
+        return self._stopper
+
+    def end_stopper(self) -> None:
+        """Idempotent. It cuts once more, and the lines are this process' alone."""
+        if self._stopper is not None:
+            self._stopper.end()
+            self._stopper = None
 
     def end_beats(self, level: int) -> None:
         """End with the line at `level`; wait without beats from now on."""

@@ -9,7 +9,7 @@ probe raises it only while the supply is on.
 
 from __future__ import annotations
 
-from etd.selftest import killed, rail_by_monitor, rail_by_node, stopgate
+from etd.selftest import killed, overdue, rail_by_monitor, rail_by_node, stopgate
 from etd.selftest.array import check_ramp
 from etd.selftest.buses import check_idle
 from etd.selftest.fixture import Fixture
@@ -38,5 +38,10 @@ def check(fixture: Fixture, log: CheckLog, prober: Prober) -> None:
     if not log.stage_failed:
         check_idle(fixture, log, "idle_node_live")
     if not log.stage_failed:
-        killed.check(fixture, log, supply.rises)
+        killed.check(fixture, log)
+    if not log.stage_failed:
+        overdue.check(fixture, log)
+    if not log.stage_failed:
+        if guards.hv_enable != "absent":
+            supply.rises("rise_after_kill")
         prober.reset_chain()

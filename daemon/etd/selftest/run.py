@@ -72,6 +72,9 @@ def run(
     except BaseException:
         _break_off(fixture)
         raise
+    finally:
+        # It cuts as it ends: what is left in the safe state then is left so.
+        fixture.end_stopper()
     _skip_rest(log, failed_at)
     log.stage = "end"
     log.judge(

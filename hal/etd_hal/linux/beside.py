@@ -7,18 +7,27 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Protocol
 
 from etd_hal.cutlatch import CutLatch
 from etd_hal.linux import death_mark
-from etd_hal.linux.gpio import LinuxGpio
 from etd_hal.linux.side_process import SideProcess
 from etd_hal.ports import Changes
+
+
+class OutputLines(Protocol):
+    """The request for the outputs, which a process beside inherits."""
+
+    @property
+    def output_fd(self) -> int: ...
+
+    def values_of(self, changes: Changes) -> bytes: ...
 
 
 class LinuxBeside:
     """See `backend.Beside`."""
 
-    def __init__(self, gpio: LinuxGpio, i2c_device: str | None) -> None:
+    def __init__(self, gpio: OutputLines, i2c_device: str | None) -> None:
         self._gpio = gpio
         self._i2c_device = i2c_device
 

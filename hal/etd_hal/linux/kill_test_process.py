@@ -46,6 +46,14 @@ class LentGpio:
     def edges(self) -> tuple[Edge, ...]:
         return self._gpio.edges()
 
+    @property
+    def output_fd(self) -> int:
+        """Of the lines as they are held now."""
+        return self._gpio.output_fd
+
+    def values_of(self, changes: Changes) -> bytes:
+        return self._gpio.values_of(changes)
+
     def close(self) -> None:
         self._gpio.close()
 
