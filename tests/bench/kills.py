@@ -57,8 +57,6 @@ SILENCE_MARGIN_MS = 5.0
 _STOPPED_FOR_S = 0.2
 #: A stopper that was kept from its processor for this much says that the machine was busy.
 _NOISE_MS = 5.0
-#: `etd safe` takes most of a second: once in so many kills.
-_SAFE_EVERY = 10
 _TOLD_EVERY = 50
 #: Of what one pulse of the frames has at most: the words' own time is within it.
 _MOST_PART = 1.0
@@ -70,7 +68,7 @@ _SEED = 1
 
 @dataclass
 class ProcessKills:
-    """In ms, a kill each; `without_ms` of those for which it was measured."""
+    """In ms, a kill each."""
 
     with_ms: list[float] = field(default_factory=list)
     without_ms: list[float] = field(default_factory=list)
@@ -124,9 +122,8 @@ def processes(kills: int, tell: Any, seed: int = _SEED, silences: int = 0) -> Pr
             killed_ns = engines.end_one(signal.SIGKILL)
             if killed_ns is None:
                 continue
-            if number % _SAFE_EVERY == 0:
-                _make_safe(safe.socket)
-                found.without_ms.append((clock.now_ns() - killed_ns) / 1e6)
+            _make_safe(safe.socket)
+            found.without_ms.append((clock.now_ns() - killed_ns) / 1e6)
             _heed_stopper(_told_by_stopper(folder), folder, killed_ns, found)
             engines.wait()
         for number in range(silences):

@@ -5,7 +5,8 @@ at meanwhile (memory and descriptors of both parts, how long a frame and a statu
 what the daemon counts), the restarts, and what of it must hold: exit status 1 where it does not.
 Must not know: how the daemon works.
 
-The daemon is `etd run --board fake`, as installed beside this file.
+The daemon is `etd run --board fake:reference-hv507`, as installed beside this file: its board has a
+heartbeat, whose gate takes the supply away for good when a beat is missed, and the engine halts.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from etd.client import Display, clock  # noqa: E402
 from etd.files.paths import CONTROL, address_of  # noqa: E402
 from etd.protocol.errors import EtdError  # noqa: E402
 
-_CALIBRATION = "fake-fingertip"
+_BOARD, _CALIBRATION = "fake:reference-hv507", "fake-fingertip"
 _FRAMES_HZ = 30.0
 _READY_WITHIN_S, _ENDS_WITHIN_S = 30.0, 10.0
 #: What was begun with counts as warm-up: caches and pools fill.
@@ -63,6 +64,8 @@ class Soaked:
     counters: dict[str, int] = field(default_factory=dict)
     #: Refusals and losses, in words.
     refused: list[str] = field(default_factory=list)
+    #: Why it halted. It stays so: nobody clears it.
+    halt: str | None = None
     state: str = ""
 
     def after_warm_up(self) -> tuple[list[Look], list[Look]]:
@@ -99,7 +102,7 @@ def _process(*words: str) -> Iterator[subprocess.Popen[bytes]]:
 
 @contextmanager
 def _daemon(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    words = (sys.executable, "-m", "etd", "run", "--board", "fake", "--folder", str(folder))
+    words = (sys.executable, "-m", "etd", "run", "--board", _BOARD, "--folder", str(folder))
     with _process(*words) as process:
         _wait_for_engine(folder)
         yield process
@@ -164,6 +167,7 @@ def soak(seconds: float, progress: Progress) -> Soaked:
             clock.sleep_s(max(0.0, (next_ns - clock.now_ns()) / 1e9))
         status = display.status()
         found.state, found.counters = status.state, dict(status.counters)
+        found.halt = None if status.halt is None else f"{status.halt.source}: {status.halt.detail}"
     return found
 
 
@@ -224,6 +228,7 @@ def bounds_of(soaked: Soaked, restarted: Restarted) -> list[Bound]:
         *held,
         at_most("frames refused or lost", len(soaked.refused), 0),
         at_most("not ARMED at the end", soaked.state != "ARMED", 0),
+        at_most("halts, a missed beat among them", soaked.halt is not None, 0),
         at_most("memory grown, MB", grown_mb, _MOST_GROWTH_MB),
         at_most("descriptors grown", more, _MOST_MORE_DESCRIPTORS),
         at_most("reports dropped", soaked.counters.get("reports_dropped", 0), 0),
@@ -255,6 +260,7 @@ def summary(soaked: Soaked, restarted: Restarted) -> dict[str, object]:
         ]
         found["counters"] = soaked.counters
         found["refused"] = soaked.refused[:5]
+        found["halt"] = soaked.halt
     return found
 
 

@@ -31,6 +31,9 @@ def test_descriptors_losses_and_halts_are_found() -> None:
     lost.refused.append("no lease stands (no_lease)")
     lost.state = "HALTED"
     assert not_met(lost) == ["frames refused or lost", "not ARMED at the end"]
+    missed = looked(steady)
+    missed.halt = "rail: 12 V"
+    assert not_met(missed) == ["halts, a missed beat among them"]
     assert not_met(Soaked(0.0), Restarted([1.0], [1.0], ["start 0: ended with 1"])) == [
         "restarts that went wrong"
     ]
@@ -40,6 +43,7 @@ def test_a_daemon_plays_beside_a_hog_and_starts_again() -> None:
     with Progress(console=Console(quiet=True)) as progress:
         soaked, restarted = soak(4.0, progress), restart(1, progress)
     assert soaked.refused == []
+    assert soaked.halt is None
     assert soaked.state == "ARMED"
     assert soaked.counters["frames_shown"] > 20
     assert len(soaked.looks) >= 2
