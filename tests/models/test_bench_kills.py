@@ -62,7 +62,7 @@ def test_real_processes_are_safe_in_time(tmp_path: Path) -> None:
         pytest.skip(str(error))
     assert found.wrong == []
     assert len(found.with_ms) + found.halted_before == 2
-    assert len(found.without_ms) == 1
+    assert len(found.with_ms) <= len(found.without_ms) <= 2
     assert all(took_ms > 0.0 for took_ms in found.with_ms)
 
 
