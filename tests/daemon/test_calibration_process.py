@@ -263,6 +263,12 @@ def main(asked, answer, core):
     os.write(answer, reading.msgspec.msgpack.encode(found))
     os._exit(0)
 """
+FAILS = """
+from etd.files import calibration_reading as reading
+def main(asked, answer, core):
+    reading.calibration_of_bytes = lambda *_: {}["unforeseen"]
+    reading.main(asked, answer, core)
+"""
 FLOODS = (
     "import os\ndef main(asked, answer, core):\n    while True: os.write(answer, bytes(65536))\n"
 )
@@ -297,10 +303,11 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], 
         (LIES, "without an answer"),
         (FLOODS, "without an answer"),
         (FEW, "without an answer"),
+        (FAILS, r"without an answer \(status 1\)"),
         ("def main(*_): raise SystemExit(3)", r"without an answer \(status 3\)"),
     ],
 )
-def test_a_parser_that_eats_memory_lies_or_floods_is_a_refusal(
+def test_a_parser_that_eats_memory_lies_floods_or_fails_is_a_refusal(
     folder: Path, program: Callable[[str], str], text: str, said: str
 ) -> None:
     gateway = GATEWAY if os.geteuid() == 0 else ME
