@@ -103,11 +103,13 @@ class CommandRig:
         (folder / "run").mkdir()
         #: The working folder of what is started, below `folder`.
         self.subfolder = ""
+        #: What starts each command, with its arguments: `setpriv`, say.
+        self.before: tuple[str, ...] = ()
         self._started: list[subprocess.Popen[bytes]] = []
 
     def start(self, *arguments: str, stdin: int = subprocess.DEVNULL) -> Command:
         process = subprocess.Popen(
-            [sys.executable, "-m", "etd", *arguments],
+            [*self.before, sys.executable, "-m", "etd", *arguments],
             stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

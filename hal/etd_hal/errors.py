@@ -7,6 +7,7 @@
     ├── GuardRefusal       bytes about to go out break a rule: rule, value, allowed
     ├── CannotSelect       the board has no such state of an output: output, wanted
     ├── FileError          a file says something that cannot be: file, key, value, allowed
+    ├── NotConfined        a process cannot give up a right: what, why
     └── PythonTooOld       the client runs on this Python, this does not: what, needed, found
 
 (`etd.protocol.errors` adds what can be wrong with a frame, a request or a daemon.)
@@ -151,6 +152,22 @@ class FileError(EtdError):
         self.allowed = allowed
         where = f"{file}: {key}" if key else file
         super().__init__(f"{where}: {value}; {allowed}")
+
+
+class NotConfined(EtdError):
+    """This kernel, or what this process runs in, does not take from it what it is to give up.
+
+    Fields: what, why.
+    """
+
+    def __init__(self, what: str, why: str) -> None:
+        self.what = what
+        self.why = why
+        super().__init__(
+            f"this process could not be confined: {what} was not granted ({why}); it needs a 64-bit"
+            " system on x86-64 or ARM, a kernel with CONFIG_SECCOMP_FILTER, and no container that"
+            " forbids prctl"
+        )
 
 
 class PythonTooOld(EtdError):

@@ -19,6 +19,7 @@ from etd_hal.linux.beside import stopper_process
 from etd_hal.linux.clock import LinuxClock
 from etd_hal.linux.side_process import SideProcess
 from etd_hal.supply_note import SupplyNote
+from intruder import rightless, tried
 
 CLOCK = LinuxClock()
 MS = 1_000_000
@@ -120,6 +121,23 @@ def test_what_ends_a_whole_service_does_not_end_it() -> None:
             os.kill(made.pid, number)
         CLOCK.doze_until_ns(CLOCK.now_ns() + 50 * MS)
         assert not is_over(made.pid)
+
+
+def test_nobody_of_its_user_takes_the_lines_from_it_or_writes_its_memory() -> None:
+    program = _DRIVING.format(
+        path=[str(Path(__file__).parent), *sys.path],
+        has_child=False,
+        is_needed=True,
+        power=1,
+        note=None,
+    )
+    with subprocess.Popen(
+        rightless(sys.executable, "-c", program), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        found = tried(int(process.stdout.readline()))
+    assert len(found) == 7
+    assert set(found.values()) <= {"EPERM", "EACCES"}
 
 
 @contextmanager

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -102,6 +104,31 @@ def test_the_engine_ends_in_the_safe_state_and_refusals_are_not_repeated() -> No
     assert engine["RestartPreventExitStatus"] == ["1 2 3"]
     assert engine["Type"] == ["notify"]
     assert "WatchdogSec" in engine
+
+
+@cache
+def calls_of(group: str) -> frozenset[str]:
+    """The calls of a group of systemd's, of the groups in it too."""
+    command = ["systemd-analyze", "syscall-filter", group]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
+    lines = [line.strip() for line in ran.stdout.splitlines()[1:]]
+    return every(line for line in lines if line and not line.startswith("#"))
+
+
+def every(named: Iterable[str]) -> frozenset[str]:
+    """Each call as it is, each group as its calls."""
+    return frozenset().union(*(calls_of(one) if one[0] == "@" else {one} for one in named))
+
+
+@needs_systemd
+def test_the_engines_service_writes_no_other_processes_memory_and_can_confine_one() -> None:
+    left: frozenset[str] = frozenset()
+    for words in settings("etd-engine@.service")["SystemCallFilter"]:
+        taken = every(words.removeprefix("~").split())
+        left = left - taken if words[0] == "~" else left | taken
+    assert not left & {"ptrace", "process_vm_readv", "process_vm_writev", "pidfd_getfd", "kcmp"}
+    # What the engine and the process that parses calibrations need for their own confinement.
+    assert left >= {"prctl", "prlimit64", "close_range", "execve", "vfork", "sched_setaffinity"}
 
 
 def test_the_two_processes_are_two_users_without_capabilities() -> None:

@@ -41,6 +41,7 @@ from etd.protocol.text import shown
 from etd.selftest.subject import subject_of
 from etd_hal.backend import Backend
 from etd_hal.compose import open_fake, open_linux, system_clock
+from etd_hal.confinement import close_memory
 from etd_hal.wait_for_devices import open_when_there
 
 HELP = "run the daemon: engine and gateway, until Ctrl-C"
@@ -256,6 +257,8 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
     from etd.engine.calibration_process import CalibrationProcess
     from etd.engine.process import run_engine
 
+    # Before it has a device. The maxima are in it.
+    close_memory()
     is_fake, core = loaded.config.backend == "fake", loaded.config.engine.core
     calibrations = CalibrationProcess(
         _calibrations_folder(args, folder),

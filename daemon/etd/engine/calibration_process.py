@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -87,6 +88,14 @@ class CalibrationProcess:
         return found.calibrations
 
     def _no_answer(self) -> Refused:
+        if self._status == -signal.SIGSYS:
+            return Refused(
+                "bad_calibration",
+                "the kernel ended the process that reads calibrations: it asked for a call that"
+                " parsing does not need. Do not use this file before somebody has looked at it"
+                " (SECURITY.md). If every file ends so, this Python needs another call than those"
+                " that are known: run the daemon with another one",
+            )
         return Refused(
             "bad_calibration",
             f"the process that reads calibrations ended without an answer (status {self._status}):"

@@ -4,8 +4,9 @@ Owns: whose folder and file are trusted, how much of a file is read, and what th
 before it parses. Must not know: the engine, boards, what a calibration allows.
 
 A file is opened past no link, and only where the gateway's user could have written neither it nor
-a folder above it. Then the process gives up the right to open anything, a device of the board
-included, and parses within bounds of memory and time.
+a folder above it. Then the process keeps the pipe of its answer and closes all else, and gives up
+every call of the kernel but those of computing (`etd_hal/confinement.py`). Only then is a byte of a
+file decoded, within bounds of memory and time. Where the kernel does not confine it, no file is.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 import resource
 import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -22,9 +24,10 @@ from etd.files import paths, trust
 from etd.files.calibration import calibration_of_bytes
 from etd.files.calibration_folder import MOST_FILE_BYTES
 from etd.protocol.calibration import Calibration
-from etd.protocol.errors import ErrorCode, FileError
+from etd.protocol.errors import ErrorCode, FileError, NotConfined
 from etd.protocol.frame import Name
 from etd.protocol.peer import Peer
+from etd_hal.confinement import confine
 from etd_hal.tomlfile import load_bytes
 
 #: Of those of a lease together, in msgpack: they fit into a message between engine and gateway.
@@ -61,17 +64,23 @@ def main(asked: str, answer: int, scan_core: int | None) -> None:
     """
     signal.alarm(_LIFE_S)
     _leave(scan_core)
-    os.write(answer, answer_to(msgspec.json.decode(asked, type=Asked), _give_up))
-    os._exit(0)
+    give_up = partial(_give_up, answer)
+    status = 1
+    try:
+        os.write(answer, answer_to(msgspec.json.decode(asked, type=Asked), give_up))
+        status = 0
+    finally:
+        # To print an error that nobody foresaw takes calls that are not left.
+        os._exit(status)
 
 
 def answer_to(asked: Asked, give_up: Callable[[], None]) -> bytes:
-    """A `Found`, in msgpack. `give_up` is called once all files are read."""
+    """A `Found`, in msgpack. `give_up` is called once all files are read, and none is decoded."""
     try:
         data = [_read(name, asked) for name in asked.names]
         give_up()
         found = Found(calibrations=tuple(calibration_of_bytes(*each) for each in data))
-    except FileError as error:
+    except (FileError, NotConfined) as error:
         found = Found(error="bad_calibration", reason=str(error))
     except OSError as error:
         code: ErrorCode = "not_found" if isinstance(error, FileNotFoundError) else "bad_calibration"
@@ -125,17 +134,17 @@ def _leave(scan_core: int | None) -> None:
         pass  # they are not this program's to use: the scan goes first all the same
 
 
-def _give_up() -> None:
-    """From here on nothing can be opened, written or started. What is imported late is loaded
-    before.
+def _give_up(answer: int) -> None:
+    """From here on it computes, writes `answer` and ends; at anything else the kernel ends it.
+    What is imported late is loaded before. Raises: NotConfined.
     """
     load_bytes(Path("nothing"), dict, b"")
+    os.closerange(0, answer)
+    os.closerange(answer + 1, resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     for bound, most in (
         (resource.RLIMIT_AS, MEMORY_BYTES),
         (resource.RLIMIT_CPU, _PROCESSOR_S),
-        (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_NPROC, 0),
-        (resource.RLIMIT_NOFILE, 0),
     ):
         resource.setrlimit(bound, (most, most))
+    confine(answer)

@@ -27,6 +27,7 @@ from etd_hal.errors import (
     FileError,
     GuardRefusal,
     HardwareMissing,
+    NotConfined,
     PythonTooOld,
 )
 
@@ -42,6 +43,7 @@ __all__ = [
     "GuardRefusal",
     "HardwareMissing",
     "LibraryMissing",
+    "NotConfined",
     "PartEnded",
     "PatternError",
     "PythonTooOld",

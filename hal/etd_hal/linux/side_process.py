@@ -18,6 +18,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
+from etd_hal.confinement import close_memory
 from etd_hal.errors import BusError
 
 _UP_WITHIN_S = 20.0
@@ -95,7 +96,10 @@ class SideProcess:
 
 
 def begin(fd: int, refusals: Sequence[str | None]) -> socket.socket:
-    """In the process itself: say that it is up, and what it was not granted."""
+    """In the process itself: say that it is up, and what it was not granted. Raises:
+    NotConfined.
+    """
+    close_memory()
     for number in _NOT_ITS_END:
         signal.signal(number, signal.SIG_IGN)
     connection = socket.socket(fileno=fd)

@@ -6,6 +6,7 @@ the kernel's trace.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+import intruder
 import kernel_trace
 import service_scene as scene
 import trace_decoder
@@ -77,6 +79,18 @@ def test_both_are_ready_and_each_is_a_user_of_its_own_without_rights(services: N
     assert not [path for path in scene.opened_by(stopper) if "spidev" in path or "i2c" in path]
     assert not [path for path in scene.opened_by(sensors) if "spidev" in path or "gpio" in path]
     assert scene.shown(ENGINE, "StatusText")["StatusText"].startswith("SAFE, kajimoto-hv507")
+
+
+def test_nobody_of_the_engines_user_looks_into_its_processes_or_writes_their_memory(
+    services: None,
+) -> None:
+    engine = scene.main_pid(ENGINE)
+    program = Path(intruder.__file__).read_text()
+    for pid in (engine, *scene.children_of(engine)):
+        tried = scene.run(scene.INSTALLED, "-I", "-c", program, str(pid), user="etd-engine")
+        answers = json.loads(tried.stdout)
+        assert len(answers) == 7
+        assert set(answers.values()) <= {"EPERM", "EACCES"}
 
 
 def test_devices_belong_to_groups_and_the_engine_alone_has_them(services: None) -> None:
