@@ -89,3 +89,12 @@ def test_why_it_was_cut_is_told_as_far_as_it_is_known(
     assert latch.why == why
     with pytest.raises(BoardFault, match=why):
         latch.check()
+
+
+def test_a_message_that_is_expected_is_told_to_the_stopper_until_it_is_over(
+    latch: CutLatch,
+) -> None:
+    latch.expect(1_234)
+    assert list(latch.words) == [1_234 if at == DUE_NS else 0 for at in range(len(latch.words))]
+    latch.expect(0)
+    assert not any(latch.words)
