@@ -21,6 +21,7 @@ from etd_hal.fake.faults import (
     GainAbove,
     Overshoot,
     Saturation,
+    SourceShort,
 )
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.rail import Rail
@@ -29,6 +30,8 @@ from etd_hal.fake.trace import Trace
 _CACHED_SELECTIONS = 4_096
 #: While a current flows, the body hears of its rail as often.
 _RAIL_STEP_NS = 500_000
+#: Of a source that is short: more than anything connected can take of any rail.
+_SHORT_UA = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +145,10 @@ class CurrentPath:
     def _drive(self, t_ns: int) -> None:
         self._is_driven = False
         self._follow_rail(t_ns)
-        idle = self._cut or self.shorted
-        self._drawn_ua = 0.0 if idle else self._current_ua()
-        self._rail.load(t_ns, self._drawn_ua)
+        is_short = bool(self._faults.of(SourceShort))
+        idle = self.shorted or (self._cut and not is_short)
+        self._drawn_ua = 0.0 if idle else _SHORT_UA if is_short else self._current_ua()
+        self._rail.load(t_ns, 0.0 if is_short else self._drawn_ua)
         self._body.drive(t_ns, self._drawn_ua, self._sides)
         self._is_driven = True
 
