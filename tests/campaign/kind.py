@@ -27,6 +27,8 @@ class Kind:
     ports: tuple[Port, ...]
     do: Doing
     stays: bool = False
+    #: What of the fake's it is, where it is one of these.
+    fault: Fault | None = None
     #: By so much the program's own time may shift by it, and its pulses with that.
     shifts_ms: int = 0
     #: Another one, so many operations later.

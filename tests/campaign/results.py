@@ -8,6 +8,7 @@ case is played, how a table looks.
 from __future__ import annotations
 
 import hashlib
+import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -42,6 +43,21 @@ def digest() -> str:
     for path in sorted(paths | set(CLONE.glob("config/**/*.toml"))):
         found.update(str(path.relative_to(CLONE)).encode() + b"\0" + path.read_bytes() + b"\0")
     return found.hexdigest()[:16]
+
+
+def version() -> str:
+    """Of the clone, as git describes it."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        cwd=CLONE, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return said.stdout.strip() or "not from a clone"
+
+
+def now() -> str:
+    """By the system's own command: in the tests no date is taken from a clock."""
+    said = subprocess.run(["date", "-u", "+%F %H:%M UTC"], capture_output=True, check=True)
+    return said.stdout.decode().strip()
 
 
 def file_of(board: str, scene: str, folder: Path = KEPT) -> Path:

@@ -30,7 +30,7 @@ from rich.table import Table  # noqa: E402
 
 from campaign import docs, forked, results, scenes  # noqa: E402
 from campaign.case import Outcome  # noqa: E402
-from campaign.judge import PAIR, bounds, not_met, where_of  # noqa: E402
+from campaign.judge import BENCH, PAIR, bounds, not_met, where_of  # noqa: E402
 from campaign.kind import Kind  # noqa: E402
 from campaign.kinds import kinds_of  # noqa: E402
 from campaign.operations import Port  # noqa: E402
@@ -58,7 +58,11 @@ def play(
     whole = forked.whole(board, scene)
     kinds = [
         kind
-        for kind in kinds_of(scenes.config(board).board, has_link=scene not in _UNLINKED)
+        for kind in kinds_of(
+            scenes.config(board).board,
+            has_link=scene not in _UNLINKED,
+            on_bench=scene == BENCH,
+        )
         if not args.only or any(text in kind.name for text in args.only)
     ]
     at = chosen(whole.operations, None if args.all else args.each, is_long=scene in _LONG)
@@ -75,6 +79,8 @@ def play(
     forked.play(
         *(whole, wanted, path, lambda number: progress.update(task, completed=number + 1)),
         at_a_time=args.jobs,
+        version=results.version(),
+        played_at=results.now(),
     )
     return results.kept(path)
 
