@@ -85,8 +85,8 @@ def _kill_and_float(subject: Subject) -> None:
 
 
 def _of_pulls(board: BoardFile) -> Iterator[Kind]:
-    """What a missing pull shows only once nobody drives its line."""
-    for name in ("POL", "BL", "LE", "HV", "HEARTBEAT"):
+    """A missing pull shows only once nobody drives its line: of those that hold what is safe."""
+    for name in ("POL", "BL", "HV"):
         if name in board.used_lines():
             missing = faults.PullMissing(name)
             dies = _each_in_turn(put_in(missing), _kill_and_float)
@@ -234,11 +234,11 @@ def _touch_anew(subject: Subject) -> None:
 
 
 def _of_machine(*, on_bench: bool) -> Iterator[Kind]:
-    """Of its troubles those that can begin while it runs, of which an engine is told one way; what
-    is there from its start on the self-test's own cases have (`tests/selftest_cases.py`).
+    """What an engine is told of heat and a weak supply it says, and does nothing about: only a
+    self-test judges them. What is there from a machine's start on, its own cases have
+    (`tests/selftest_cases.py`).
     """
     yield from _staying("the machine's clock follows its load", faults.ClockSteps(2.5, 500))
-    troubles: tuple[faults.Trouble, ...] = ("under_voltage",)
     if on_bench:
-        troubles = ("under_voltage", "hot", "throttled")
-    yield from _staying("the machine is in trouble", *map(faults.MachineTrouble, troubles))
+        troubles = (faults.MachineTrouble("under_voltage"), faults.MachineTrouble("hot"))
+        yield from _staying("the machine is in trouble", *troubles)

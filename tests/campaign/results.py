@@ -22,9 +22,11 @@ from campaign.case import Outcome
 
 CLONE = Path(__file__).resolve().parents[2]
 KEPT = CLONE / "build" / "campaign"
-#: What makes of outcomes what is shown, and plays none.
-_SHOWN_BY = ("run.py", "docs.py", "results.py", "judge.py")
+#: What chooses cases, and makes of outcomes what is shown: it plays none.
+_SHOWN_BY = ("run.py", "choice.py", "docs.py", "record.py", "results.py", "judge.py")
 PC_PER_UC = 1e6
+#: The scene in which nobody is connected, but a resistor.
+BENCH = "self-test"
 #: Of a pulse: readings of skin tell no less.
 _SMALL_PART = 0.2
 
@@ -123,6 +125,11 @@ def figures_of(fault_class: str, found: Sequence[Outcome]) -> Figures:
         max(one.beyond_shared_pc for one in found) / PC_PER_UC,
         max((beyond_pc(one) for one in silent), default=0.0) / PC_PER_UC,
     )
+
+
+def where_of(one: Outcome) -> str:
+    """The board that a person is at, or the bench."""
+    return BENCH if one.scene == BENCH else one.board
 
 
 def beyond_pc(one: Outcome) -> float:

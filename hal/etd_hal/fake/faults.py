@@ -185,7 +185,7 @@ class DacOffset(Fault, frozen=True, tag=True):
 
 class SourceShort(Fault, frozen=True, tag=True):
     """The source is short: its node is on the rail, whatever the DAC and its one-shot say. What is
-    connected takes what it lets through; the supply does not give way to that.
+    connected takes what it lets through, and a supply that was switched off is emptied by it.
     """
 
 
