@@ -47,8 +47,9 @@ def digest() -> str:
     return found.hexdigest()[:16]
 
 
+@cache
 def version() -> str:
-    """Of the clone, as git describes it."""
+    """Of the clone, as git describes it: as it was when it was asked first."""
     said = subprocess.run(
         ["git", "describe", "--always", "--dirty"],
         cwd=CLONE, capture_output=True, text=True, check=False,

@@ -182,6 +182,8 @@ def main() -> int:
 
 def _all_played(args: argparse.Namespace, errors: Console) -> list[Outcome]:
     found: list[Outcome] = []
+    # Of what is loaded: the clone may be edited while it plays.
+    results.version()
     with Progress(console=errors, disable=not sys.stderr.isatty()) as progress:
         for scene, board in itertools.product(args.scenes, args.boards):
             path = results.file_of(board, scene, args.folder)
