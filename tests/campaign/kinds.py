@@ -42,6 +42,11 @@ def _staying(fault_class: str, *variants: Fault) -> Iterator[Kind]:
         yield Kind(fault_class, repr(fault), ("spi",), put_in(fault), stays=True, fault=fault)
 
 
+def _aside(fault_class: str, *variants: Fault) -> Iterator[Kind]:
+    for kind in _staying(fault_class, *variants):
+        yield replace(kind, is_aside=True)
+
+
 def _once(fault_class: str, port: Port, *variants: Fault) -> Iterator[Kind]:
     for fault in variants:
         yield Kind(fault_class, repr(fault), (port,), put_in(fault), fault=fault)
@@ -199,19 +204,19 @@ def _of_supply(board: BoardFile) -> Iterator[Kind]:
         yield from _staying("the heartbeat is ignored", faults.HeartbeatIgnored())
         levels = (faults.HeartbeatByLevel(level) for level in (0, 1))
         wrong = faults.HeartbeatRearms(), *levels, faults.HeartbeatSlow(extra_ms=150)
-        yield from _staying("the heartbeat's gate is not as it should be", *wrong)
+        yield from _aside("the heartbeat's gate is not as it should be", *wrong)
     if board.rail_setpoint != "absent":
         wakes = faults.SetpointAtPowerUp(code=4_000)
-        yield from _staying("the set-point wakes up high", wakes)
+        yield from _aside("the set-point wakes up high", wakes)
 
 
 def _of_stops(board: BoardFile) -> Iterator[Kind]:
     """Of those whose second contact cuts the supply; both are wired alike."""
     guards, name = board.guards, "a stop does not cut the supply"
     if guards.stop_cuts_supply and guards.emergency_stop != "absent":
-        yield from _staying(name, faults.StopCutsNothing("emergency_stop"))
+        yield from _aside(name, faults.StopCutsNothing("emergency_stop"))
     if guards.stop_cuts_supply and guards.wearer_stop != "absent":
-        yield from _staying(name, faults.StopCutsLate("wearer_stop", late_ms=300))
+        yield from _aside(name, faults.StopCutsLate("wearer_stop", late_ms=300))
 
 
 def _of_outputs() -> Iterator[Kind]:
@@ -224,7 +229,8 @@ def _of_outputs() -> Iterator[Kind]:
     series = faults.OutputSeries(output=2, resistance_ohm=15_000.0)
     in_series = _each_in_turn(put_in(series), _touch_anew)
     name = "a switch has a resistance"
-    yield Kind(name, repr(series), ("spi",), in_series, stays=True, fault=series)
+    made = Kind(name, repr(series), ("spi",), in_series, stays=True, is_aside=True)
+    yield replace(made, fault=series)
 
 
 def _touch_anew(subject: Subject) -> None:
@@ -241,4 +247,4 @@ def _of_machine(*, on_bench: bool) -> Iterator[Kind]:
     yield from _staying("the machine's clock follows its load", faults.ClockSteps(2.5, 500))
     if on_bench:
         troubles = (faults.MachineTrouble("under_voltage"), faults.MachineTrouble("hot"))
-        yield from _staying("the machine is in trouble", *troubles)
+        yield from _aside("the machine is in trouble", *troubles)

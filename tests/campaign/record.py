@@ -119,11 +119,11 @@ def _sum(on: str, pulse_pc: int, those: Sequence[Line]) -> dict[str, Any]:
 
 
 def played(lines: Sequence[Line]) -> list[dict[str, Any]]:
-    """By whom and when: the largest part first."""
+    """By whom and when: the largest part first, with all classes that later ones do not name."""
     parts: dict[tuple[str, str, str], list[Line]] = {}
     for line in lines:
         parts.setdefault((line.version, line.day, line.how), []).append(line)
-    found = [
+    found: list[dict[str, Any]] = [
         {
             "version": version,
             "day": day,
@@ -133,4 +133,5 @@ def played(lines: Sequence[Line]) -> list[dict[str, Any]]:
         }
         for (version, day, how), those in parts.items()
     ]
-    return sorted(found, key=lambda part: -part["cases"])
+    first, *later = sorted(found, key=lambda part: -part["cases"])
+    return [{**first, "classes": ["all others" if later else "all"]}, *later]

@@ -115,8 +115,17 @@ def test_of_a_place_the_first_the_second_and_the_last_operation_are_chosen() -> 
     at = chosen(operations, 3)
     assert at.once == {0, 1, 8, 9, 10}
     assert at.staying == {1, 9, 10}
+    assert at.parts == {1}
     assert chosen(operations, None).once == set(range(11))
     assert chosen(operations, 3, is_long=True).once == {4, 10}
+
+
+def test_what_no_message_meets_is_put_in_once_in_each_part() -> None:
+    kinds = {kind.fault_class: kind for kind in kinds_of(config("reference-hv507").board)}
+    at = chosen([Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 2, 3)
+    aside, staying = kinds["a stop does not cut the supply"], kinds["a solder bridge"]
+    assert [n for n in range(11) if aside.applies(n, "spi", at)] == [1]
+    assert [n for n in range(11) if staying.applies(n, "spi", at)] == [1, 9, 10]
 
 
 def test_every_board_has_kinds_of_its_guards() -> None:
@@ -296,7 +305,9 @@ def test_what_was_played_anew_takes_the_place_of_its_class_and_the_rest_says_whe
     )
     (row,) = in_all(recorded(file))
     assert (row["cases"], row["told"], row["latent"], row["safe_most_ms"]) == (6, 4, 2, 2.0)
-    assert [part["classes"] for part in played(first)] == [["a gain", "an overshoot"]]
+    assert [part["classes"] for part in played(first)] == [["all"]]
+    parts = played(recorded(file))
+    assert [part["classes"] for part in parts] == [["all others"], ["an overshoot"]]
 
 
 def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
