@@ -46,6 +46,8 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     #: So much may be silent of a class that something tells, where it comes again and again in step
     #: with what is looked at; `why` says how. In uC, as below.
     in_step_uc: float = 0.0
+    #: With all guards as one of a pair, whose other one takes a guard away; in uC, of any pulse.
+    in_pair_uc: float = 0.0
     #: What a self-test says of it: checks of its report, as docs/bring-up.md names them. None: it
     #: does not tell this class, or only by chance, and `selftest_why` says why.
     selftest: tuple[str, ...] = ()
@@ -84,14 +86,14 @@ def not_met(found: Sequence[Outcome], rows: Mapping[str, Bound]) -> list[str]:
     ]
 
 
-def _needs(one: Outcome, rows: Mapping[str, Bound]) -> str:
-    """Hardware that its row names; of a pair that of either of the two."""
+def _bounding(one: Outcome, rows: Mapping[str, Bound]) -> list[Bound]:
+    """Its row; of a pair also those of the two."""
     names = [one.fault_class]
     if one.fault_class == PAIR:
         # As `run` names them: the class and the variant of each.
         halves = one.kind.removeprefix(f"{PAIR}: ").split(", then ")
-        names = [half.partition(": ")[0] for half in halves]
-    return "; ".join(rows[name].needs for name in names if name in rows and rows[name].needs)
+        names += [half.partition(": ")[0] for half in halves]
+    return [rows[name] for name in names if name in rows]
 
 
 def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
@@ -105,14 +107,17 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
     told_by = row.rows_on(where)
     if is_silent(one) and told_by and beyond_uc > row.silent_most_uc(where) * times:
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
-    return _too_much(row, where, times, beyond_uc, _needs(one, rows))
+    return _too_much(_bounding(one, rows), where, times, beyond_uc)
 
 
-def _too_much(row: Bound, where: str, times: float, beyond_uc: float, needs: str) -> str:
-    most_uc = row.uc.get(where, 0.0) * times
+def _too_much(bounding: Sequence[Bound], where: str, times: float, beyond_uc: float) -> str:
+    """`bounding`: the largest of these is what may be let through."""
+    most_uc = max(bound.uc.get(where, 0.0) for bound in bounding) * times
+    if where in _ASKED_OF and len(bounding) > 1:
+        most_uc = max(most_uc, *(bound.in_pair_uc for bound in bounding))
     if beyond_uc > most_uc:
         return f"{beyond_uc:.3f} uC, more than the {most_uc:g} uC of its row"
-    if where in _ASKED_OF and beyond_uc > MOST_UC and not needs:
+    if where in _ASKED_OF and beyond_uc > MOST_UC and not any(one.needs for one in bounding):
         return f"{beyond_uc:.1f} uC with all guards, and no hardware is named that would bound it"
     return ""
 
@@ -122,12 +127,13 @@ def lines_not_met(lines: Sequence[Line], rows: Mapping[str, Bound]) -> list[str]
     return [
         f"{line.on}, pulses of {line.pulse_pc / PC_PER_UC:g} uC, {line.fault_class}: {why}"
         for line in lines
-        if (why := _why_of_class(line, rows.get(line.fault_class)))
+        if (why := _why_of_class(line, rows))
     ]
 
 
-def _why_of_class(line: Line, row: Bound | None) -> str:
-    """Which two a pair was is not recorded: it was judged when it was played."""
+def _why_of_class(line: Line, rows: Mapping[str, Bound]) -> str:
+    """Which two a pair was is not recorded: it was judged by them when it was played."""
+    row = rows.get(line.fault_class)
     if line.crashed:
         return f"{line.crashed} ended by an error of their own"
     if row is None:
@@ -135,5 +141,5 @@ def _why_of_class(line: Line, row: Bound | None) -> str:
     told_by = row.rows_on(line.on)
     if line.silent and told_by and not row.silent_most_uc(line.on):
         return f"{line.silent} in silence, and it should be told by {told_by[0]}"
-    needs = "either of the two" if line.fault_class == PAIR else row.needs
-    return _too_much(row, line.on, line.pulse_pc / PULSE_PC, line.most_uc, needs)
+    bounding = list(rows.values()) if line.fault_class == PAIR else [row]
+    return _too_much(bounding, line.on, line.pulse_pc / PULSE_PC, line.most_uc)

@@ -17,7 +17,7 @@ from campaign.account import AccountedBody, Course
 from campaign.case import Outcome
 from campaign.engine_script import ELECTRODES, PULSE_PC, WANTED_UA
 from campaign.forked import whole
-from campaign.judge import GUARDED, Bound, bounds, lines_not_met, not_met
+from campaign.judge import GUARDED, PAIR, Bound, bounds, lines_not_met, not_met
 from campaign.kinds import kinds_of
 from campaign.operations import Operations
 from campaign.places import Operation, chosen
@@ -253,6 +253,25 @@ def test_a_pair_may_pass_what_the_guards_let_through_only_where_one_of_the_two_m
     ):
         found = told(kind=f"two at once: {pair}", fault_class="two at once", beyond_alone_pc=2.6e6)
         assert (not_met([found], rows) == []) is holds
+
+
+def test_a_pair_may_let_through_what_either_of_the_two_may() -> None:
+    gain = Bound(uc={GUARDED: 1.0, BENCH: 30.0}, needs="a limiter", in_pair_uc=39.0)
+    rows = {PAIR: Bound(uc={GUARDED: 3.5, BENCH: 25.0}), "a gain": gain, "a stop": Bound()}
+
+    def holds(uc: float, scene: str = "frames", second: str = "a gain") -> bool:
+        pair = f"{PAIR}: a stop: S(), then {second}: G(2) after 7"
+        one = told(kind=pair, fault_class=PAIR, scene=scene, beyond_alone_pc=uc * 1e6)
+        return not_met([one], rows) == []
+
+    assert holds(39.0)
+    assert not holds(39.1)
+    assert not holds(2.6, second="a stop")
+    assert holds(30.0, BENCH)
+    assert not holds(30.1, BENCH)
+    assert not holds(25.1, BENCH, "a stop")
+    alone = told(beyond_alone_pc=1.1e6)
+    assert not_met([alone], rows) != []
 
 
 def test_with_stronger_pulses_a_class_may_let_more_through() -> None:
