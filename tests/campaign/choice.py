@@ -30,8 +30,8 @@ def kinds_in(board: str, scene: str) -> list[Kind]:
     )
 
 
-def is_asked_for(kind: Kind, words: Sequence[str]) -> bool:
-    return not words or any(text in kind.name for text in words)
+def is_asked_for(name: str, words: Sequence[str]) -> bool:
+    return not words or any(text in name for text in words)
 
 
 def classes_first_at(board: str, scene: str) -> set[str]:
@@ -103,6 +103,6 @@ def part_of_a_class(words: Sequence[str]) -> str:
     every = [
         kind for at in itertools.product(scenes.BOARDS, scenes.SCENES) for kind in kinds_in(*at)
     ]
-    asked_for = {kind.fault_class for kind in every if is_asked_for(kind, words)}
-    left_out = (kind.fault_class for kind in every if not is_asked_for(kind, words))
+    asked_for = {kind.fault_class for kind in every if is_asked_for(kind.name, words)}
+    left_out = (kind.fault_class for kind in every if not is_asked_for(kind.name, words))
     return next((name for name in left_out if name in asked_for), "")

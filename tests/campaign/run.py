@@ -28,7 +28,7 @@ from rich.table import Table  # noqa: E402
 
 from campaign import choice, docs, forked, record, results, scenes  # noqa: E402
 from campaign.case import Outcome  # noqa: E402
-from campaign.judge import bounds, lines_not_met, not_met  # noqa: E402
+from campaign.judge import PAIR, bounds, lines_not_met, not_met  # noqa: E402
 from campaign.kind import Kind  # noqa: E402
 from campaign.operations import Port  # noqa: E402
 from campaign.places import chosen  # noqa: E402
@@ -46,14 +46,14 @@ def play(
     args: argparse.Namespace,
     progress: Progress,
 ) -> list[Outcome]:
-    """Play what is not kept yet. Returns all that is kept and was asked for."""
+    """Play what is not kept yet. Returns all that is kept."""
     path = results.file_of(board, scene, args.folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     kept = results.kept(path)
     done = {(one.kind, one.operation) for one in kept}
     whole = forked.whole(board, scene)
     every = choice.kinds_in(board, scene)
-    kinds = [kind for kind in every if choice.is_asked_for(kind, args.only)]
+    kinds = [kind for kind in every if choice.is_asked_for(kind.name, args.only)]
     at = chosen(whole.operations, None if args.all else args.each, is_long=scene in choice.LONG)
     doubled = choice.pairs(
         f"{board} {scene}", kinds, every, whole.operations, count=args.pairs, seed=args.seed
@@ -103,7 +103,7 @@ def _why_not_to_write(args: argparse.Namespace) -> str:
     if args.recorded:
         return ""
     whole = args.scenes == tuple(scenes.SCENES) and args.boards == scenes.BOARDS
-    if args.part != 1 or not whole or args.kept:
+    if args.part != 1 or not whole:
         return "--write with a part of the cases: the record has whole classes"
     if args.only and args.pairs:
         return "--write with --only: add --pairs 0, since the record has pairs of all kinds"
@@ -143,7 +143,7 @@ def main() -> int:
         "--jobs", type=int, default=os.cpu_count() or 1, help="so many cases at a time"
     )
     parser.add_argument("--folder", type=Path, default=results.KEPT, help="where results are kept")
-    parser.add_argument("--kept", action="store_true", help="play nothing: show what is kept")
+    parser.add_argument("--kept", action="store_true", help="play nothing: what has been played")
     parser.add_argument(
         "--recorded", action="store_true", help="play nothing: show what is recorded in the clone"
     )
@@ -188,7 +188,13 @@ def _all_played(args: argparse.Namespace, errors: Console) -> list[Outcome]:
         for scene, board in itertools.product(args.scenes, args.boards):
             path = results.file_of(board, scene, args.folder)
             found += results.kept(path) if args.kept else play(board, scene, args, progress)
-    return found
+    return [one for one in found if _is_asked_for(one, args)]
+
+
+def _is_asked_for(one: Outcome, args: argparse.Namespace) -> bool:
+    """What is kept may be of another call, with other words or with pairs."""
+    is_wanted = bool(args.pairs) or one.fault_class != PAIR
+    return is_wanted and choice.is_asked_for(one.kind, args.only)
 
 
 if __name__ == "__main__":
