@@ -342,6 +342,16 @@ def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
     assert "an error of their own" in found(seen="crashed: TypeError()")[0]
 
 
+def test_the_page_and_the_record_agree_and_hold() -> None:
+    lines = recorded()
+    assert {line.fault_class for line in lines} == set(bounds())
+    assert lines_not_met(lines, bounds()) == []
+    page = docs.PAGE.read_text(encoding="utf-8")
+    for title, rows in docs.tables(lines):
+        assert f"\n{title}:\n" in page
+        assert all("| " + " | ".join(row) + " |\n" in page for row in rows)
+
+
 def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path) -> None:
     command = [sys.executable, str(RUN), "--bounded", "--pairs", "2", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
