@@ -322,6 +322,7 @@ def rig_on(
         host_clock=board_clock.host,
         codec=codec_of(loaded.board.source),
         wakeups=board_clock.wakeups,
+        troubles=lambda: fake.world.host.health().troubles,
         scan_core=fake.world.host.scan_core,
     )
     given: dict[str, Calibration] = {}

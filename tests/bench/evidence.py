@@ -41,6 +41,9 @@ class Measurement:
     about: str
     #: Of its figures, what another page shows.
     left_out: tuple[str, ...] = ()
+    #: What shows and judges the figures that it keeps, each part with its version and day, and
+    #: measures nothing; "": it keeps none.
+    recorded: str = ""
 
 
 MEASUREMENTS = (
@@ -52,6 +55,7 @@ MEASUREMENTS = (
         "The judge is the body's own account of charge; the table by fault class is in"
         " [safety.md](safety.md#what-each-failure-lets-through).",
         left_out=("by_class",),
+        recorded="tests/campaign/run.py --recorded --json --write",
     ),
     Measurement(
         "kills",
@@ -104,9 +108,12 @@ class Measured:
     said: str
 
 
-def measured(measurement: Measurement, *, is_short: bool) -> Measured:
+def measured(
+    measurement: Measurement, *, is_short: bool = False, is_recorded: bool = False
+) -> Measured:
     """Runs it; what it says on standard error is shown as it comes."""
     command = measurement.short if is_short else measurement.command
+    command = measurement.recorded if is_recorded else command
     begun_ns = clock.now_ns()
     ended = subprocess.run(
         [sys.executable, *command.split()], cwd=_CLONE, stdout=subprocess.PIPE, check=False
@@ -149,6 +156,8 @@ def page(sections: Mapping[str, str]) -> str:
 
 def section(one: Measured) -> str:
     form = "" if one.command == one.measurement.command else " in its SHORT form"
+    if one.command == one.measurement.recorded:
+        form = ", which measures nothing and shows what was recorded, by the versions below"
     met = "its bounds were met" if one.status == 0 else f"exit status {one.status}: NOT met"
     lines = [
         f"## {one.measurement.title}",
@@ -264,14 +273,21 @@ def main(arguments: Iterable[str] | None = None) -> int:
         choices=[one.name for one in MEASUREMENTS],
         help="measure these; the others keep what the page says of them",
     )
+    parser.add_argument(
+        "--recorded",
+        action="store_true",
+        help="measure nothing: what keeps its figures shows them, the others keep their sections",
+    )
     parser.add_argument("--page", type=Path, default=PAGE, help="where to write (docs/evidence.md)")
     args = parser.parse_args(None if arguments is None else list(arguments))
     console, statuses = Console(stderr=True), list[int]()
     for measurement in MEASUREMENTS:
         if args.only and measurement.name not in args.only:
             continue
+        if args.recorded and not measurement.recorded:
+            continue
         console.print(f"[bold]{measurement.title}[/bold]")
-        one = measured(measurement, is_short=args.short)
+        one = measured(measurement, is_short=args.short, is_recorded=args.recorded)
         statuses.append(one.status)
         # After each: a run that is cut short keeps what it has.
         before = args.page.read_text(encoding="utf-8") if args.page.exists() else ""

@@ -42,6 +42,10 @@ class Outcome(msgspec.Struct, frozen=True):
     #: Of one pulse and phase that was asked for.
     pulse_pc: int
     why: str = ""
+    #: Of the code that played it, as git describes it.
+    version: str = ""
+    #: The day and time on which its scene was begun.
+    played: str = ""
 
 
 def outcome(

@@ -7,12 +7,12 @@ case is played, what must hold.
 from __future__ import annotations
 
 import textwrap
-from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Any
 
-from campaign.case import Outcome
-from campaign.judge import BENCH, GUARDED, RELAYS, Bound, bounds, where_of
-from campaign.results import CLONE, PC_PER_UC, Figures, figures
+from campaign.judge import GUARDED, RELAYS, Bound, bounds
+from campaign.record import Line, played
+from campaign.results import BENCH, CLONE, PC_PER_UC
 
 PAGE = CLONE / "docs" / "safety.md"
 _BEGIN, _END = "<!-- written by make campaign -->\n", "<!-- so far -->\n"
@@ -25,16 +25,16 @@ COLUMNS = (
 _TABLES = (("kajimoto-hv507", GUARDED), (RELAYS,), (BENCH,))
 
 
-def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -> tuple[str, ...]:
+def cells(rows: Sequence[Line | None], bound: Bound) -> tuple[str, ...]:
     """Of a class, in the order of `COLUMNS`: the figures of each board, one beside the other."""
 
-    def each(figure: Callable[[Figures], str]) -> str:
+    def each(figure: Callable[[Line], str]) -> str:
         return " / ".join("-" if row is None else figure(row) for row in rows)
 
-    there = [board for board, row in zip(boards, rows, strict=True) if row is not None]
+    there = [row for row in rows if row is not None]
     return (
-        next(row.fault_class for row in rows if row is not None),
-        " / ".join(dict.fromkeys("; ".join(bound.rows_on(board)) or _NONE for board in there)),
+        there[0].fault_class,
+        " / ".join(dict.fromkeys("; ".join(bound.rows_on(row.on)) or _NONE for row in there)),
         each(lambda row: str(row.cases)),
         each(lambda row: str(row.told)),
         each(lambda row: str(row.latent)),
@@ -46,30 +46,26 @@ def cells(rows: Sequence[Figures | None], bound: Bound, boards: Sequence[str]) -
     )
 
 
-def _table(found: Sequence[Outcome], boards: Sequence[str]) -> list[tuple[str, ...]]:
+def _table(lines: Sequence[Line], boards: Sequence[str]) -> list[tuple[str, ...]]:
     """A row for each class that one of these boards can have."""
-    by_board = [
-        {one.fault_class: one for one in figures(one for one in found if where_of(one) == board)}
-        for board in boards
-    ]
-    names = dict.fromkeys(one.fault_class for one in found if where_of(one) in boards)
+    at = {(line.on, line.fault_class): line for line in lines}
+    names = dict.fromkeys(line.fault_class for line in lines if line.on in boards)
     known = bounds()
     return [
-        cells([of.get(name) for of in by_board], known.get(name, Bound()), boards)
+        cells([at.get((board, name)) for board in boards], known.get(name, Bound()))
         for name in sorted(names, key=list(known).index if set(names) <= set(known) else None)
     ]
 
 
-def tables(found: Sequence[Outcome]) -> list[tuple[str, list[tuple[str, ...]]]]:
+def tables(lines: Sequence[Line]) -> list[tuple[str, list[tuple[str, ...]]]]:
     """Titles, and rows: first those with the pulses of most scenes."""
     made = []
-    for pulse_pc in sorted({one.pulse_pc for one in found}):
-        those = [one for one in found if one.pulse_pc == pulse_pc]
-        there = Counter(where_of(one) for one in those)
+    for pulse_pc in sorted({line.pulse_pc for line in lines}):
+        those = [line for line in lines if line.pulse_pc == pulse_pc]
         for boards in _TABLES:
-            if shown := [board for board in boards if board in there]:
+            if shown := [board for board in boards if any(line.on == board for line in those)]:
                 names = " / ".join(f"`{board}`" for board in shown)
-                cases = sum(there[board] for board in shown)
+                cases = sum(line.cases for line in those if line.on in shown)
                 title = f"On {names}, pulses of {pulse_pc / PC_PER_UC:.3f} uC, {cases} cases"
                 made.append((title, _table(those, shown)))
     return made
@@ -79,30 +75,40 @@ def _ms(time_ms: float | None) -> str:
     return "-" if time_ms is None else f"{time_ms:.1f}"
 
 
-def played(found: Sequence[Outcome]) -> str:
-    """Of a run that was not played to its end."""
-    counts = Counter((one.board, one.scene) for one in found)
-    each = "; ".join(f"{board}, {scene}: {count}" for (board, scene), count in counts.items())
-    return f"What has been played so far of the whole, in cases: {each}."
+def said(lines: Sequence[Line]) -> str:
+    """By which version and when each part was played: the largest is all that is not named."""
+    first, *later = played(lines)
+    sentences = [f"{first['how']}: {_by(first)}."]
+    for part in later:
+        sentences.append(f"{_by(part)}, {_changed(first, part)}: {'; '.join(part['classes'])}.")
+    return " ".join(sentences)
 
 
-def write(found: Sequence[Outcome], said: str) -> None:
+def _by(part: dict[str, Any]) -> str:
+    return f"{part['cases']} cases by {part['version']} on {part['day']}"
+
+
+def _changed(first: dict[str, Any], part: dict[str, Any]) -> str:
+    return "in the same way" if part["how"] == first["how"] else part["how"].lower()
+
+
+def write(lines: Sequence[Line]) -> None:
     """Raises: ValueError, where the marks are not there."""
     text = PAGE.read_text(encoding="utf-8")
     before, has_begin, rest = text.partition(_BEGIN)
     _, has_end, after = rest.partition(_END)
     if not (has_begin and has_end):
         raise ValueError(f"{PAGE} has lost its marks: {_BEGIN!r} and {_END!r}")
-    PAGE.write_text(before + _BEGIN + _part(found, said) + _END + after, encoding="utf-8")
+    PAGE.write_text(before + _BEGIN + _part(lines) + _END + after, encoding="utf-8")
 
 
-def _part(found: Sequence[Outcome], said: str) -> str:
-    lines = ["", *_folded(said)]
-    for title, rows in tables(found):
-        lines += [f"\n{title}:\n"]
-        lines += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
-        lines += ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([*lines, "", ""])
+def _part(lines: Sequence[Line]) -> str:
+    text = ["", *_folded(said(lines))]
+    for title, rows in tables(lines):
+        text += [f"\n{title}:\n"]
+        text += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
+        text += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([*text, "", ""])
 
 
 def _folded(text: str) -> list[str]:

@@ -94,9 +94,12 @@ def play(
     begun: Callable[[int], None] = lambda _: None,
     *,
     at_a_time: int = 1,
+    version: str = "",
+    played_at: str = "",
 ) -> None:
-    """Appends an `Outcome` a line to `results` for each kind that is `wanted` of an operation;
-    `begun` is called with its number when all of its cases have begun.
+    """Appends an `Outcome` a line to `results` for each kind that is `wanted` of an operation, with
+    the code's version and the time; `begun` is called with its number when all of its cases have
+    begun.
     """
     operations, copies = Operations(), _Copies(at_a_time)
     copied: list[tuple[Kind, int, Port, int]] = []
@@ -143,7 +146,7 @@ def play(
                 *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),
                 played.pulse_pc,
             )
-            _append(results, found)
+            _append(results, msgspec.structs.replace(found, version=version, played=played_at))
             os._exit(0)
     except BaseException:
         if copied:

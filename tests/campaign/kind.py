@@ -27,6 +27,11 @@ class Kind:
     ports: tuple[Port, ...]
     do: Doing
     stays: bool = False
+    #: Of what stays: it is behind no wire that a message goes through, and so the same fault from
+    #: one part of a scene to the next.
+    is_aside: bool = False
+    #: What of the fake's it is, where it is one of these.
+    fault: Fault | None = None
     #: By so much the program's own time may shift by it, and its pulses with that.
     shifts_ms: int = 0
     #: Another one, so many operations later.
@@ -46,7 +51,8 @@ class Kind:
         return self.stays or port in self.ports
 
     def applies(self, number: int, port: Port, chosen: Chosen) -> bool:
-        return number in (chosen.staying if self.stays else chosen.once) and self.may_come_at(port)
+        staying = chosen.parts if self.is_aside else chosen.staying
+        return number in (staying if self.stays else chosen.once) and self.may_come_at(port)
 
 
 def put_in(fault: Fault) -> Doing:

@@ -10,6 +10,7 @@ its port; what stays, at those that are chosen for that.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 from campaign.client_kinds import of_gateway_and_client
@@ -26,21 +27,29 @@ _A_SCAN_MS = 30
 _ANY: tuple[Port, ...] = ("spi", "set", "get", "edges", "i2c")
 
 
-def kinds_of(board: BoardFile, *, has_link: bool = True) -> list[Kind]:
-    """All that this board can have. `has_link`: an engine, with a gateway and a client."""
-    found = [*_of_calls(), *_of_processes(), *_of_edges(), *_of_words(), *_of_wires(board),
-             *_of_source(), *_of_readings(), *_of_supply(board), *_of_outputs()]  # fmt: skip
+def kinds_of(board: BoardFile, *, has_link: bool = True, on_bench: bool = False) -> list[Kind]:
+    """All that this board can have. `has_link`: an engine, with a gateway and a client; `on_bench`:
+    a self-test, which looks at all of the machine.
+    """
+    found = [*_of_calls(), *_of_processes(), *_of_pulls(board), *_of_edges(), *_of_words(),
+             *_of_wires(board), *_of_source(), *_of_readings(), *_of_supply(board),
+             *_of_stops(board), *_of_outputs(), *_of_machine(on_bench=on_bench)]  # fmt: skip
     return [*found, *of_gateway_and_client()] if has_link else found
 
 
 def _staying(fault_class: str, *variants: Fault) -> Iterator[Kind]:
     for fault in variants:
-        yield Kind(fault_class, repr(fault), ("spi",), put_in(fault), stays=True)
+        yield Kind(fault_class, repr(fault), ("spi",), put_in(fault), stays=True, fault=fault)
+
+
+def _aside(fault_class: str, *variants: Fault) -> Iterator[Kind]:
+    for kind in _staying(fault_class, *variants):
+        yield replace(kind, is_aside=True)
 
 
 def _once(fault_class: str, port: Port, *variants: Fault) -> Iterator[Kind]:
     for fault in variants:
-        yield Kind(fault_class, repr(fault), (port,), put_in(fault))
+        yield Kind(fault_class, repr(fault), (port,), put_in(fault), fault=fault)
 
 
 def _of_calls() -> Iterator[Kind]:
@@ -67,7 +76,8 @@ def _of_processes() -> Iterator[Kind]:
         name, stall = f"{stall_ms} ms", faults.SpiStall(stall_us=stall_ms * 1_000)
         held_up, late = _held_up(stall_ms), _A_SCAN_MS
         yield Kind("the engine is held up", name, BUSES, held_up, shifts_ms=late)
-        yield Kind("held up within a message", name, ("spi",), put_in(stall), shifts_ms=late)
+        within = Kind("held up within a message", name, ("spi",), put_in(stall), fault=stall)
+        yield replace(within, shifts_ms=late)
 
 
 def _kill(_: Subject) -> None:
@@ -77,6 +87,24 @@ def _kill(_: Subject) -> None:
 def _kill_and_float(subject: Subject) -> None:
     subject.fake.let_float()
     raise Killed
+
+
+def _of_pulls(board: BoardFile) -> Iterator[Kind]:
+    """A missing pull shows only once nobody drives its line: of those that hold what is safe."""
+    for name in ("POL", "BL", "HV"):
+        if name in board.used_lines():
+            missing = faults.PullMissing(name)
+            dies = _each_in_turn(put_in(missing), _kill_and_float)
+            what = "the engine is killed, and a pull is missing"
+            yield Kind(what, repr(missing), ("spi",), dies, fault=missing)
+
+
+def _each_in_turn(*doings: Doing) -> Doing:
+    def do(subject: Subject) -> None:
+        for doing in doings:
+            doing(subject)
+
+    return do
 
 
 def _held_up(stall_ms: int) -> Doing:
@@ -141,7 +169,8 @@ def _of_source() -> Iterator[Kind]:
     yield from _staying("a gain above a probe's current", faults.GainAbove(code=130, factor=3.0))
     yield from _staying("an overshoot", faults.Overshoot(factor=3.0, until_us=10.0))
     yield from _staying("the source saturates", faults.Saturation(current_ua=100.0))
-    yield from _staying("the source is short", faults.DacGain(20.0))
+    yield from _staying("a gain of twenty", faults.DacGain(20.0))
+    yield from _staying("the source is short", faults.SourceShort())
 
 
 def _of_readings() -> Iterator[Kind]:
@@ -173,6 +202,21 @@ def _of_supply(board: BoardFile) -> Iterator[Kind]:
         yield from _staying("the rail's sensor is gone", *gone)
     if guards.heartbeat != "absent":
         yield from _staying("the heartbeat is ignored", faults.HeartbeatIgnored())
+        levels = (faults.HeartbeatByLevel(level) for level in (0, 1))
+        wrong = faults.HeartbeatRearms(), *levels, faults.HeartbeatSlow(extra_ms=150)
+        yield from _aside("the heartbeat's gate is not as it should be", *wrong)
+    if board.rail_setpoint != "absent":
+        wakes = faults.SetpointAtPowerUp(code=4_000)
+        yield from _aside("the set-point wakes up high", wakes)
+
+
+def _of_stops(board: BoardFile) -> Iterator[Kind]:
+    """Of those whose second contact cuts the supply; both are wired alike."""
+    guards, name = board.guards, "a stop does not cut the supply"
+    if guards.stop_cuts_supply and guards.emergency_stop != "absent":
+        yield from _aside(name, faults.StopCutsNothing("emergency_stop"))
+    if guards.stop_cuts_supply and guards.wearer_stop != "absent":
+        yield from _aside(name, faults.StopCutsLate("wearer_stop", late_ms=300))
 
 
 def _of_outputs() -> Iterator[Kind]:
@@ -182,3 +226,25 @@ def _of_outputs() -> Iterator[Kind]:
     yield from _staying("an output takes another along", faults.AlsoSwitches(2, 5))
     yield from _staying("outputs are swapped", faults.OutputsSwapped(2, 5))
     yield from _staying("a solder bridge", faults.Bridge(2, 5))
+    series = faults.OutputSeries(output=2, resistance_ohm=15_000.0)
+    in_series = _each_in_turn(put_in(series), _touch_anew)
+    name = "a switch has a resistance"
+    made = Kind(name, repr(series), ("spi",), in_series, stays=True, is_aside=True)
+    yield replace(made, fault=series)
+
+
+def _touch_anew(subject: Subject) -> None:
+    """A resistance behind an output counts from the next contact on."""
+    for electrode in range(subject.body.electrode_count):
+        subject.fake.world.touch(electrode, subject.body.contact(electrode))
+
+
+def _of_machine(*, on_bench: bool) -> Iterator[Kind]:
+    """What an engine is told of heat and a weak supply it says, and does nothing about: only a
+    self-test judges them. What is there from a machine's start on, its own cases have
+    (`tests/selftest_cases.py`).
+    """
+    yield from _staying("the machine's clock follows its load", faults.ClockSteps(2.5, 500))
+    if on_bench:
+        troubles = (faults.MachineTrouble("under_voltage"), faults.MachineTrouble("hot"))
+        yield from _aside("the machine is in trouble", *troubles)

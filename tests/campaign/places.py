@@ -51,6 +51,8 @@ class Chosen:
     once: frozenset[int]
     #: For what stays: it is the same fault between two of these.
     staying: frozenset[int]
+    #: Of these one of each part: for what stays and no message of the program meets.
+    parts: frozenset[int]
 
 
 def chosen(operations: Sequence[Operation], each: int | None, *, is_long: bool = False) -> Chosen:
@@ -60,22 +62,22 @@ def chosen(operations: Sequence[Operation], each: int | None, *, is_long: bool =
     """
     if each is None:
         every = frozenset(range(len(operations)))
-        return Chosen(every, every)
+        return Chosen(every, every, every)
     by_place: dict[Operation, list[int]] = {}
     for number, found in enumerate(operations):
         by_place.setdefault(found, []).append(number)
     once: set[int] = set()
     staying: set[int] = set()
-    parts: set[int] = set()
+    parts: dict[int, int] = {}
     for found, numbers in by_place.items():
         taken = _spread(numbers, 1 if is_long else each)
         once.update(taken)
         if found.port == "spi" and not is_long:
             staying.update(taken)
         elif found.part not in parts:
-            parts.add(found.part)
-            staying.add(taken[len(taken) // 2])
-    return Chosen(frozenset(once), frozenset(staying))
+            parts[found.part] = taken[len(taken) // 2]
+    staying.update(parts.values())
+    return Chosen(frozenset(once), frozenset(staying), frozenset(parts.values()))
 
 
 def _spread(numbers: Sequence[int], count: int) -> list[int]:

@@ -8,6 +8,7 @@ case is played, how a table looks.
 from __future__ import annotations
 
 import hashlib
+import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -21,9 +22,11 @@ from campaign.case import Outcome
 
 CLONE = Path(__file__).resolve().parents[2]
 KEPT = CLONE / "build" / "campaign"
-#: What makes of outcomes what is shown, and plays none.
-_SHOWN_BY = ("run.py", "docs.py", "results.py", "judge.py")
+#: What chooses cases, and makes of outcomes what is shown: it plays none.
+_SHOWN_BY = ("run.py", "choice.py", "docs.py", "record.py", "results.py", "judge.py")
 PC_PER_UC = 1e6
+#: The scene in which nobody is connected, but a resistor.
+BENCH = "self-test"
 #: Of a pulse: readings of skin tell no less.
 _SMALL_PART = 0.2
 
@@ -42,6 +45,22 @@ def digest() -> str:
     for path in sorted(paths | set(CLONE.glob("config/**/*.toml"))):
         found.update(str(path.relative_to(CLONE)).encode() + b"\0" + path.read_bytes() + b"\0")
     return found.hexdigest()[:16]
+
+
+@cache
+def version() -> str:
+    """Of the clone, as git describes it: as it was when it was asked first."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        cwd=CLONE, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return said.stdout.strip() or "not from a clone"
+
+
+def now() -> str:
+    """By the system's own command: in the tests no date is taken from a clock."""
+    said = subprocess.run(["date", "-u", "+%F %H:%M UTC"], capture_output=True, check=True)
+    return said.stdout.decode().strip()
 
 
 def file_of(board: str, scene: str, folder: Path = KEPT) -> Path:
@@ -107,6 +126,11 @@ def figures_of(fault_class: str, found: Sequence[Outcome]) -> Figures:
         max(one.beyond_shared_pc for one in found) / PC_PER_UC,
         max((beyond_pc(one) for one in silent), default=0.0) / PC_PER_UC,
     )
+
+
+def where_of(one: Outcome) -> str:
+    """The board that a person is at, or the bench."""
+    return BENCH if one.scene == BENCH else one.board
 
 
 def beyond_pc(one: Outcome) -> float:

@@ -11,11 +11,8 @@ import argparse
 import itertools
 import json
 import os
-import random
 import sys
-import zlib
 from collections.abc import Sequence
-from dataclasses import asdict, replace
 from pathlib import Path
 
 # Run as a script, from a clone: the campaign and the test rigs stand beside one another.
@@ -24,21 +21,20 @@ sys.path[:0] = [str(_TESTS)]
 # Each case is a process that computes alone.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import msgspec  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from campaign import docs, forked, results, scenes  # noqa: E402
+from campaign import choice, docs, forked, record, results, scenes  # noqa: E402
 from campaign.case import Outcome  # noqa: E402
-from campaign.judge import PAIR, bounds, not_met, where_of  # noqa: E402
+from campaign.judge import PAIR, bounds, lines_not_met, not_met  # noqa: E402
 from campaign.kind import Kind  # noqa: E402
-from campaign.kinds import kinds_of  # noqa: E402
 from campaign.operations import Port  # noqa: E402
-from campaign.places import Chosen, Operation, chosen  # noqa: E402
+from campaign.places import chosen  # noqa: E402
+from campaign.record import Line  # noqa: E402
 
-#: Whose cases take long, and which have no link that a gateway could hang at.
-_LONG, _UNLINKED = ("self-test",), ("self-test", "power-up")
-_BOUNDED_PART = 250
+_BOUNDED_PART = 300
 _EACH = 3
 #: Of the whole; of a part as much less.
 _PAIRS = 100
@@ -50,24 +46,28 @@ def play(
     args: argparse.Namespace,
     progress: Progress,
 ) -> list[Outcome]:
-    """Play what is not kept yet. Returns all that is kept and was asked for."""
+    """Play what is not kept yet. Returns all that is kept."""
     path = results.file_of(board, scene, args.folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     kept = results.kept(path)
     done = {(one.kind, one.operation) for one in kept}
     whole = forked.whole(board, scene)
-    kinds = [
-        kind
-        for kind in kinds_of(scenes.config(board).board, has_link=scene not in _UNLINKED)
-        if not args.only or any(text in kind.name for text in args.only)
-    ]
-    at = chosen(whole.operations, None if args.all else args.each, is_long=scene in _LONG)
-    doubled = _pairs(f"{board} {scene}", kinds, whole.operations, args.pairs, args.seed)
+    every = choice.kinds_in(board, scene)
+    kinds = [kind for kind in every if choice.is_asked_for(kind.name, args.only)]
+    at = chosen(whole.operations, None if args.all else args.each, is_long=scene in choice.LONG)
+    doubled = choice.pairs(
+        f"{board} {scene}", kinds, every, whole.operations, count=args.pairs, seed=args.seed
+    )
+    missing = choice.classes_first_at(board, scene) if args.part > 1 else set[str]()
 
     def wanted(number: int, port: Port) -> list[Kind]:
-        found = _at(kinds, number, port, at)
-        found = _one_of_each_class(found, number) if scene in _LONG else found
-        found = [kind for kind in found if _is_in(kind, number, args.part)]
+        found = choice.due_at(kinds, number, port, at)
+        found = choice.one_of_each_class(found, number) if scene in choice.LONG else found
+        found = [
+            one
+            for one in found
+            if choice.is_in(one, number, args.part) or choice.takes(missing, one)
+        ]
         found += doubled.get(number, ())
         return [one for one in found if (one.name, number) not in done]
 
@@ -75,74 +75,45 @@ def play(
     forked.play(
         *(whole, wanted, path, lambda number: progress.update(task, completed=number + 1)),
         at_a_time=args.jobs,
+        version=results.version(),
+        played_at=results.now(),
     )
     return results.kept(path)
-
-
-def _at(kinds: Sequence[Kind], number: int, port: Port, at: Chosen) -> list[Kind]:
-    if number not in at.once and number not in at.staying:
-        return []
-    return [kind for kind in kinds if kind.applies(number, port, at)]
-
-
-def _one_of_each_class(kinds: Sequence[Kind], number: int) -> list[Kind]:
-    """Of what happens once, in turn."""
-    by_class: dict[str, list[Kind]] = {}
-    for kind in kinds:
-        if not kind.stays:
-            by_class.setdefault(kind.fault_class, []).append(kind)
-    turns = [variants[number % len(variants)] for variants in by_class.values()]
-    return [*turns, *(kind for kind in kinds if kind.stays)]
-
-
-def _is_in(kind: Kind, number: int, part: int) -> bool:
-    """Every so many-th case, the same each time."""
-    return part == 1 or zlib.crc32(f"{kind.name} {number}".encode()) % part == 0
-
-
-def _pairs(
-    scene: str, kinds: Sequence[Kind], operations: Sequence[Operation], count: int, seed: int
-) -> dict[int, list[Kind]]:
-    """So many, drawn: two kinds at any two operations, the same with the same seed."""
-    drawn: dict[int, list[Kind]] = {}
-    dice = random.Random(f"{scene} {seed}")
-    while kinds and sum(map(len, drawn.values())) < count:
-        number, kind, then = dice.randrange(len(operations)), dice.choice(kinds), dice.choice(kinds)
-        after = dice.randrange(1, 400)
-        if kind.may_come_at(operations[number].port):
-            both = f"{kind.name}, then {then.name} after {after}"
-            made = replace(kind, fault_class=PAIR, variant=both, then=then, then_after=after)
-            drawn.setdefault(number, []).append(made)
-    return drawn
 
 
 def _conditions(args: argparse.Namespace) -> str:
     """What was run, as the page says it."""
     where = "each operation" if args.all else f"{args.each} operations of each place of the code"
     part = "" if args.part == 1 else f", each {args.part}th case of these"
-    return f"At {where}{part}, with {args.pairs} pairs of faults in each scene on each board."
+    pairs = f", with {args.pairs} pairs of faults in each scene on each board" if args.pairs else ""
+    return f"At {where}{part}{pairs}"
 
 
-def _as_json(found: Sequence[Outcome]) -> dict[str, list[dict[str, object]]]:
-    """What each table of the page has, all of it in one row, and by class."""
-    those = {
-        where: [one for one in found if (where_of(one), one.pulse_pc) == where]
-        for where in sorted({(where_of(one), one.pulse_pc) for one in found})
-    }
-
-    def row(where: tuple[str, int], figures: results.Figures) -> dict[str, object]:
-        return {"on": where[0], "pulse_uc": where[1] / results.PC_PER_UC} | asdict(figures)
-
+def _as_json(lines: Sequence[Line]) -> dict[str, object]:
+    """What each table of the page has, all of it in one row, and by class; and who played it."""
     return {
-        "in_all": [row(where, results.figures_of("all", ones)) for where, ones in those.items()],
-        "by_class": [
-            row(where, one) for where, ones in those.items() for one in results.figures(ones)
-        ],
+        "played": record.played(lines),
+        "in_all": record.in_all(lines),
+        "by_class": [msgspec.to_builtins(line) for line in lines],
     }
 
 
-def show(console: Console, found: Sequence[Outcome]) -> None:
-    for title, rows in docs.tables(found):
+def _why_not_to_write(args: argparse.Namespace) -> str:
+    """Of a part of the campaign: the record has whole classes. Nothing where it may be written."""
+    if args.recorded:
+        return ""
+    whole = args.scenes == tuple(scenes.SCENES) and args.boards == scenes.BOARDS
+    if args.part != 1 or not whole:
+        return "--write with a part of the cases: the record has whole classes"
+    if args.only and args.pairs:
+        return "--write with --only: add --pairs 0, since the record has pairs of all kinds"
+    if args.only and (name := choice.part_of_a_class(args.only)):
+        return f"--write with --only: it leaves out a part of the class {name!r}"
+    return ""
+
+
+def show(console: Console, lines: Sequence[Line]) -> None:
+    for title, rows in docs.tables(lines):
         table = Table(title=title)
         for column in docs.COLUMNS:
             table.add_column(column, justify="left" if column in docs.COLUMNS[:2] else "right")
@@ -172,31 +143,58 @@ def main() -> int:
         "--jobs", type=int, default=os.cpu_count() or 1, help="so many cases at a time"
     )
     parser.add_argument("--folder", type=Path, default=results.KEPT, help="where results are kept")
-    parser.add_argument("--kept", action="store_true", help="play nothing: show what is kept")
+    parser.add_argument("--kept", action="store_true", help="play nothing: what has been played")
+    parser.add_argument(
+        "--recorded", action="store_true", help="play nothing: show what is recorded in the clone"
+    )
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--write", action="store_true", help="the table in docs/safety.md")
+    parser.add_argument(
+        "--write", action="store_true", help="into the record, and the table in docs/safety.md"
+    )
     args = parser.parse_args()
-    if args.write and args.only:
-        parser.error("--write with --only: the page would have a part of the kinds")
     args.part = _BOUNDED_PART if args.bounded else args.part
     args.pairs = _PAIRS // args.part if args.pairs is None else args.pairs
+    if args.write and (why := _why_not_to_write(args)):
+        parser.error(why)
     errors = Console(stderr=True, width=None if sys.stderr.isatty() else 130)
+    if args.recorded:
+        lines = record.recorded()
+        broken = lines_not_met(lines, bounds())
+    else:
+        found = _all_played(args, errors)
+        lines = record.lines_of(found, _conditions(args))
+        broken = not_met(found, bounds())
+    if args.write:
+        # A run of all takes the place of everything; of some classes, of these.
+        kept = record.recorded() if args.only else []
+        written = lines if args.recorded else record.merged(kept, lines)
+        record.record(written)
+        docs.write(written)
+    console = Console(width=None if sys.stdout.isatty() else 150)
+    if args.json:
+        print(json.dumps(_as_json(lines)))
+    else:
+        show(console, lines)
+    for sentence in broken[:50]:
+        (errors if args.json else console).print(f"NOT MET  {sentence}", style="red", markup=False)
+    return 1 if broken else 0
+
+
+def _all_played(args: argparse.Namespace, errors: Console) -> list[Outcome]:
     found: list[Outcome] = []
+    # Of what is loaded: the clone may be edited while it plays.
+    results.version()
     with Progress(console=errors, disable=not sys.stderr.isatty()) as progress:
         for scene, board in itertools.product(args.scenes, args.boards):
             path = results.file_of(board, scene, args.folder)
             found += results.kept(path) if args.kept else play(board, scene, args, progress)
-    console = Console(width=None if sys.stdout.isatty() else 150)
-    if args.json:
-        print(json.dumps(_as_json(found)))
-    else:
-        show(console, found)
-    if args.write:
-        docs.write(found, docs.played(found) if args.kept else _conditions(args))
-    broken = not_met(found, bounds())
-    for sentence in broken[:50]:
-        (errors if args.json else console).print(f"NOT MET  {sentence}", style="red", markup=False)
-    return 1 if broken else 0
+    return [one for one in found if _is_asked_for(one, args)]
+
+
+def _is_asked_for(one: Outcome, args: argparse.Namespace) -> bool:
+    """What is kept may be of another call, with other words or with pairs."""
+    is_wanted = bool(args.pairs) or one.fault_class != PAIR
+    return is_wanted and choice.is_asked_for(one.kind, args.only)
 
 
 if __name__ == "__main__":

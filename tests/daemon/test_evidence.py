@@ -47,6 +47,14 @@ def test_what_failed_is_on_the_page_as_that() -> None:
     assert "no engine within 30 s" in text
 
 
+def test_what_was_recorded_is_not_said_to_have_been_measured_now() -> None:
+    asked = Measurement("one", "One", "a", "b", "", recorded="-c print({})")
+    found = measured(asked, is_recorded=True)
+    assert found.figures == {}
+    assert "shows what was recorded, by the versions below: " in section(found)
+    assert "recorded" not in section(Measured(asked, "a", 0, 2.0, {}, ""))
+
+
 def test_a_command_is_run_and_its_last_line_is_taken() -> None:
     asked = Measurement("one", "One", "-c pass", "-c print(1);print(dict(a=1))", "")
     assert measured(asked, is_short=False).figures is None

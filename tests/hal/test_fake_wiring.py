@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from math import exp
+
 import pytest
 
-from board_hand import PAUSE, Hand, pulse
+from board_hand import MS, PAUSE, Hand, pulse
 from etd_body.electrode import OPEN_CONTACT, load
 from etd_body.interface import Side
 from etd_body.minimal import MinimalBody
@@ -17,6 +19,8 @@ from etd_hal.fake.faults import (
     OutputSeries,
     OutputsSwapped,
     Saturation,
+    SetpointAtPowerUp,
+    SourceShort,
     SwitchOutput,
 )
 from stepped_board import BOARDS, SteppedBoard, shipped_board, stepped_board
@@ -135,3 +139,82 @@ def test_a_source_that_is_wrong_above_some_current(fault: Fault, code: int, made
     through_ua = made_ua * beside_ohm / 10_000
     width_us = rig.events("body")[0]["to_ns"] / 1e3 - rig.events("body")[0]["from_ns"] / 1e3
     assert body.charge_pc(0) == pytest.approx(through_ua * width_us, rel=0.002)
+
+
+def shorted_source(name: str) -> SteppedBoard:
+    """Two electrodes of 5 k, nothing selected yet, the supply on where it can be switched."""
+    board = shipped_board(name)
+    source = board.source
+    body = MinimalBody(
+        (load(5_000),) * 2, leak_ohm=source.leak_ohm, compliance_v=source.compliance_v
+    )
+    rig = stepped_board(name, electrodes=(0, 1), body=body)
+    if board.guards.hv_enable != "absent":
+        Hand(rig).supply_on()
+    rig.fake.world.put_in(SourceShort())
+    return rig
+
+
+def charge_until_now_pc(rig: SteppedBoard) -> float:
+    rig.fake.settle()
+    rig.body.node_voltage_v(rig.clock.now_ns())
+    return rig.body.charge_pc(0)
+
+
+@pytest.mark.parametrize("name", ["kajimoto-hv507", "reference-hv507"])
+def test_a_source_that_is_short_puts_the_rail_on_what_is_selected_whatever_the_dac_says(
+    name: str,
+) -> None:
+    """300 V on 10 k; no word has reached the DAC."""
+    rig = shorted_source(name)
+    rig.clock.spend(MS)
+    assert charge_until_now_pc(rig) == 0.0
+    Hand(rig).select(0)
+    before_pc = charge_until_now_pc(rig)
+    rig.clock.spend(MS)
+    assert charge_until_now_pc(rig) - before_pc == pytest.approx(30_000 * 1_000, rel=0.01)
+    Hand(rig).discharge()
+    through_pc = charge_until_now_pc(rig)
+    rig.clock.spend(MS)
+    assert charge_until_now_pc(rig) == through_pc
+
+
+def test_no_one_shot_ends_the_current_of_a_source_that_is_short() -> None:
+    rig = shorted_source("reference-hv507")
+    Hand(rig).select(0)
+    begun_ns, before_pc = rig.clock.now_ns(), charge_until_now_pc(rig)
+    rig.backend.spi.transfer(pulse(100, *[PAUSE] * 60))
+    lasted_us = (rig.clock.now_ns() - begun_ns) / 1e3
+    assert lasted_us > 600
+    assert charge_until_now_pc(rig) - before_pc == pytest.approx(30_000 * lasted_us, rel=0.01)
+
+
+def test_a_source_that_is_short_empties_a_supply_that_was_switched_off() -> None:
+    """272 nF at 300 V through 10 k: 82 uC less what its own leak and the string take."""
+    rig = shorted_source("reference-hv507")
+    hv_enable, hand = rig.board.guards.hv_enable, Hand(rig)
+    assert hv_enable != "absent"
+    hand.select(0)
+    rig.clock.spend(MS)
+    rig.backend.gpio.set(((hv_enable.line, 1 - hv_enable.on),))
+    before_pc = charge_until_now_pc(rig)
+    rig.clock.spend(3 * MS)
+    charge_until_now_pc(rig)
+    assert rig.fake.world.rail_v() == pytest.approx(300 * exp(-3 / 2.36), rel=0.12)
+    rig.clock.spend(50 * MS)
+    assert 66e6 < charge_until_now_pc(rig) - before_pc < 82e6
+
+
+@pytest.mark.parametrize(("stored", "rail_v"), [(0, 150.0), (3_500, 300.0)])
+def test_a_supply_rises_to_what_its_set_point_woke_up_with_until_one_is_written(
+    stored: int, rail_v: float
+) -> None:
+    rig = stepped_board("reference-hv507")
+    hv_enable, hand = rig.board.guards.hv_enable, Hand(rig)
+    assert hv_enable != "absent"
+    rig.fake.world.put_in(SetpointAtPowerUp(stored))
+    rig.backend.gpio.set(((hv_enable.line, hv_enable.on),))
+    hand.beat(500 * MS)
+    assert rig.fake.world.rail_v() == pytest.approx(rail_v, rel=0.01)
+    hand.supply_on()
+    assert rig.fake.world.rail_v() == pytest.approx(300.0, rel=0.01)

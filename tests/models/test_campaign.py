@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from campaign import docs
 from campaign.account import AccountedBody, Course
 from campaign.case import Outcome
 from campaign.engine_script import ELECTRODES, PULSE_PC, WANTED_UA
 from campaign.forked import whole
-from campaign.judge import GUARDED, Bound, bounds, not_met
+from campaign.judge import GUARDED, PAIR, Bound, bounds, lines_not_met, not_met
 from campaign.kinds import kinds_of
 from campaign.operations import Operations
 from campaign.places import Operation, chosen
-from campaign.results import figures, is_silent, kept
+from campaign.record import Line, in_all, lines_of, merged, played, record, recorded
+from campaign.results import BENCH, figures, is_silent, kept
 from campaign.scene import Over
 from campaign.scenes import BOARDS, SCENES, config
 from charge_witness import even_skin
 from etd_body.interface import Side
+from etd_hal.fake.faults import Fault
 
-RUN = Path(__file__).resolve().parents[1] / "campaign" / "run.py"
+#: How a self-test that is killed is told.
+NO_REPORT = "it ends without a report"
+CLONE = Path(__file__).resolve().parents[2]
+RUN = CLONE / "tests" / "campaign" / "run.py"
 US = 1_000
 
 
@@ -108,20 +115,39 @@ def test_of_a_place_the_first_the_second_and_the_last_operation_are_chosen() -> 
     at = chosen(operations, 3)
     assert at.once == {0, 1, 8, 9, 10}
     assert at.staying == {1, 9, 10}
+    assert at.parts == {1}
     assert chosen(operations, None).once == set(range(11))
     assert chosen(operations, 3, is_long=True).once == {4, 10}
 
 
+def test_what_no_message_meets_is_put_in_once_in_each_part() -> None:
+    kinds = {kind.fault_class: kind for kind in kinds_of(config("reference-hv507").board)}
+    at = chosen([Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 2, 3)
+    aside, staying = kinds["a stop does not cut the supply"], kinds["a solder bridge"]
+    assert [n for n in range(11) if aside.applies(n, "spi", at)] == [1]
+    assert [n for n in range(11) if staying.applies(n, "spi", at)] == [1, 9, 10]
+
+
 def test_every_board_has_kinds_of_its_guards() -> None:
-    names = {board: {kind.fault_class for kind in kinds_of(config(board).board)}
+    names = {board: {kind.fault_class for kind in kinds_of(config(board).board, on_bench=True)}
              for board in BOARDS}  # fmt: skip
     assert names["reference-hv507"] - names["kajimoto-hv507"] == {
         "the supply cannot be switched off",
         "the rail's sensor lies",
         "the rail's sensor is gone",
         "the heartbeat is ignored",
+        "the heartbeat's gate is not as it should be",
+        "the set-point wakes up high",
+        "a stop does not cut the supply",
     }
     assert set.union(*names.values()) | {"two at once"} == set(bounds())
+
+
+def test_every_fault_of_the_fake_is_played() -> None:
+    """A new one has to be put in somewhere: none is left out."""
+    kinds = [one for board in BOARDS for one in kinds_of(config(board).board, on_bench=True)]
+    played = {type(kind.fault) for kind in kinds}
+    assert set(Fault.__subclasses__()) - played == set()
 
 
 def test_what_is_said_to_tell_a_class_is_a_row_of_the_page() -> None:
@@ -131,6 +157,19 @@ def test_what_is_said_to_tell_a_class_is_a_row_of_the_page() -> None:
         assert {*bound.told_by, *bound.guarded_by} <= rows, name
         is_told = bool(bound.told_by) and not bound.silent_on and not bound.in_step_uc
         assert is_told or bound.why, f"{name}: nothing tells it, and nothing says why"
+
+
+def checks_named(page: str) -> set[str]:
+    """Those of which docs/bring-up.md says what to do: a row names some of one stage."""
+    found = set[str]()
+    for line in page.splitlines():
+        if not line.startswith("| ") or ":" not in line.split("|")[1]:
+            continue
+        stage = ""
+        for part in re.findall(r"`([^`]+)`", line.split("|")[1]):
+            stage, name = part.split(": ") if ": " in part else (stage, part)
+            found.add(f"{stage or 'any stage'}: {name}")
+    return found
 
 
 def told(**changed: Any) -> Outcome:
@@ -175,6 +214,32 @@ def test_what_does_not_hold_is_said() -> None:
     assert "in silence" in too_much
 
 
+def test_a_self_test_is_judged_by_what_it_is_to_tell() -> None:
+    """At the bench: by its own row, and not by what a board with a person is asked."""
+    row = Bound(selftest=("switches: every_switch",), selftest_silent_uc=0.006, uc={BENCH: 9.0})
+    silent = told(scene=BENCH, beyond_alone_pc=9_000.0)
+    (sentence,) = not_met([silent], {"a gain": row})
+    assert "in silence, and it should be told by switches: every_switch" in sentence
+    told_by_nothing = Bound(selftest_why="once", uc={BENCH: 9.0})
+    assert not_met([silent], {"a gain": told_by_nothing}) == []
+    after_it = told(scene=BENCH, beyond_alone_pc=5_000.0)
+    refused = told(scene=BENCH, seen="refused", beyond_alone_pc=8.0e6)
+    assert not_met([after_it, refused], {"a gain": row}) == []
+    (too_much,) = not_met(
+        [told(scene=BENCH, seen="refused", beyond_alone_pc=9.1e6)], {"a gain": row}
+    )
+    assert "more than the 9 uC" in too_much
+
+
+def test_what_a_self_test_is_to_tell_is_a_check_of_it_or_it_says_why_not() -> None:
+    page = (CLONE / "docs" / "bring-up.md").read_text(encoding="utf-8")
+    checks = checks_named(page) | {NO_REPORT}
+    for name, bound in bounds().items():
+        assert set(bound.selftest) <= checks, name
+        if BENCH in bound.uc:
+            assert bound.selftest or bound.selftest_why, f"{name}: the self-test says nothing of it"
+
+
 def test_a_pair_may_pass_what_the_guards_let_through_only_where_one_of_the_two_may() -> None:
     rows = {
         "two at once": Bound(uc={GUARDED: 9.0}),
@@ -190,6 +255,25 @@ def test_a_pair_may_pass_what_the_guards_let_through_only_where_one_of_the_two_m
         assert (not_met([found], rows) == []) is holds
 
 
+def test_a_pair_may_let_through_what_either_of_the_two_may() -> None:
+    gain = Bound(uc={GUARDED: 1.0, BENCH: 30.0}, needs="a limiter", in_pair_uc=39.0)
+    rows = {PAIR: Bound(uc={GUARDED: 3.5, BENCH: 25.0}), "a gain": gain, "a stop": Bound()}
+
+    def holds(uc: float, scene: str = "frames", second: str = "a gain") -> bool:
+        pair = f"{PAIR}: a stop: S(), then {second}: G(2) after 7"
+        one = told(kind=pair, fault_class=PAIR, scene=scene, beyond_alone_pc=uc * 1e6)
+        return not_met([one], rows) == []
+
+    assert holds(39.0)
+    assert not holds(39.1)
+    assert not holds(2.6, second="a stop")
+    assert holds(30.0, BENCH)
+    assert not holds(30.1, BENCH)
+    assert not holds(25.1, BENCH, "a stop")
+    alone = told(beyond_alone_pc=1.1e6)
+    assert not_met([alone], rows) != []
+
+
 def test_with_stronger_pulses_a_class_may_let_more_through() -> None:
     rows = {"a gain": Bound(why="drift", uc={"kajimoto-hv507": 0.05})}
     weak = told(board="kajimoto-hv507", beyond_alone_pc=90_000.0)
@@ -199,7 +283,7 @@ def test_with_stronger_pulses_a_class_may_let_more_through() -> None:
     assert is_silent(told(beyond_alone_pc=5_000.0))
     assert not is_silent(told(beyond_alone_pc=5_000.0, pulse_pc=2 * PULSE_PC))
     pair = [("kajimoto-hv507", PULSE_PC), ("kajimoto-hv507", 2 * PULSE_PC)]
-    titles = [title for title, _ in docs.tables([weak, strong])]
+    titles = [title for title, _ in docs.tables(lines_of([weak, strong], "At all"))]
     assert titles == [
         f"On `{board}`, pulses of {pulse_pc / 1e6:.3f} uC, 1 cases" for board, pulse_pc in pair
     ]
@@ -221,6 +305,53 @@ def test_a_class_has_its_worst_and_what_nothing_was_said_of() -> None:
     assert not is_silent(told(seen="refused", beyond_shared_pc=5_000.0))
 
 
+def test_what_was_played_anew_takes_the_place_of_its_class_and_the_rest_says_when_it_was(
+    tmp_path: Path,
+) -> None:
+    def line(name: str, version: str, day: str, how: str, **changed: Any) -> Line:
+        facts = {"fault_class": name, "version": version, "played": f"{day} 08:59 UTC", **changed}
+        (found,) = lines_of([told(**facts), told(**facts)], how)
+        return found
+
+    first = [line(name, "abc", "2026-11-01", "At all") for name in ("a gain", "an overshoot")]
+    later = [line(name, "def", "2026-11-02", "At some", seen="halted", flowed_for_ms=2.0)
+             for name in ("a gain", "a stop")]  # fmt: skip
+    file = tmp_path / "record"
+    record(merged(first, later), file)
+    assert recorded(file) == [later[0], first[1], later[1]]
+    assert docs.said(recorded(file)) == (
+        "At some: 4 cases by def on 2026-11-02. 2 cases by abc on 2026-11-01, at all: an overshoot."
+    )
+    (row,) = in_all(recorded(file))
+    assert (row["cases"], row["told"], row["latent"], row["safe_most_ms"]) == (6, 4, 2, 2.0)
+    assert [part["classes"] for part in played(first)] == [["all"]]
+    parts = played(recorded(file))
+    assert [part["classes"] for part in parts] == [["all others"], ["an overshoot"]]
+
+
+def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
+    def found(**changed: Any) -> list[str]:
+        return lines_not_met(lines_of([told(**changed)], ""), rows)
+
+    rows = {"a gain": Bound(told_by=("a check",), uc={GUARDED: 9.0, BENCH: 9.0})}
+    assert found() == found(scene=BENCH, beyond_alone_pc=9_000.0) == []
+    assert "with all guards" in found(seen="halted", beyond_alone_pc=2.6e6)[0]
+    assert "more than the 9 uC" in found(seen="halted", beyond_alone_pc=9.1e6)[0]
+    assert "1 in silence" in found(beyond_alone_pc=9_000.0)[0]
+    assert "no row" in found(fault_class="another")[0]
+    assert "an error of their own" in found(seen="crashed: TypeError()")[0]
+
+
+def test_the_page_and_the_record_agree_and_hold() -> None:
+    lines = recorded()
+    assert {line.fault_class for line in lines} == set(bounds())
+    assert lines_not_met(lines, bounds()) == []
+    page = docs.PAGE.read_text(encoding="utf-8")
+    for title, rows in docs.tables(lines):
+        assert f"\n{title}:\n" in page
+        assert all("| " + " | ".join(row) + " |\n" in page for row in rows)
+
+
 def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path) -> None:
     command = [sys.executable, str(RUN), "--bounded", "--pairs", "2", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
@@ -234,6 +365,7 @@ def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path)
         == 0
     )
     assert sum(one["told"] for one in found) > 100
+    assert {one["fault_class"] for one in found} == set(bounds())
     doubled = sum(one["cases"] for one in found if one["fault_class"] == "two at once")
     assert doubled == 2 * len(BOARDS) * len(SCENES)
 
@@ -241,5 +373,9 @@ def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path)
     before[one] = kept(one)
     one.write_bytes(b"".join(one.read_bytes().splitlines(keepends=True)[:-3]))
     subprocess.run([*command, "--json"], capture_output=True, check=True)
-    again = {(each.kind, each.operation): each for each in kept(one)}
-    assert again == {(each.kind, each.operation): each for each in before[one]}
+    again, at_first = (
+        {(each.kind, each.operation): replace(each, played="") for each in outcomes}
+        for outcomes in (kept(one), before[one])
+    )
+    assert again == at_first
+    assert all(each.version and each.played for each in kept(one))

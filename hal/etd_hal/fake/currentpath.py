@@ -21,6 +21,7 @@ from etd_hal.fake.faults import (
     GainAbove,
     Overshoot,
     Saturation,
+    SourceShort,
 )
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.rail import Rail
@@ -29,6 +30,10 @@ from etd_hal.fake.trace import Trace
 _CACHED_SELECTIONS = 4_096
 #: While a current flows, the body hears of its rail as often.
 _RAIL_STEP_NS = 500_000
+#: Of a source that is short: more than anything connected can take of any rail; and how often what
+#: is really taken is looked at, since that empties a supply which was switched off.
+_SHORT_UA = 1e9
+_SHORT_STEP_NS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +67,9 @@ class CurrentPath:
         self._settle_switch = settle_switch
         self._compliance_v = -1.0
         self._drawn_ua = 0.0
+        self._is_short = False
+        #: By electrode, when a source that is short was looked at last.
+        self._taken_pc: list[float] = []
         #: Up to when the body has heard of the rail.
         self._supplied_ns = 0
         self._cut_at_ns: int | None = None
@@ -142,9 +150,11 @@ class CurrentPath:
     def _drive(self, t_ns: int) -> None:
         self._is_driven = False
         self._follow_rail(t_ns)
-        idle = self._cut or self.shorted
-        self._drawn_ua = 0.0 if idle else self._current_ua()
-        self._rail.load(t_ns, self._drawn_ua)
+        self._is_short = bool(self._faults.of(SourceShort))
+        idle = self.shorted or (self._cut and not self._is_short)
+        self._drawn_ua = 0.0 if idle else _SHORT_UA if self._is_short else self._current_ua()
+        if not self._is_short:
+            self._rail.load(t_ns, self._drawn_ua)
         self._body.drive(t_ns, self._drawn_ua, self._sides)
         self._is_driven = True
 
@@ -166,16 +176,33 @@ class CurrentPath:
 
     def _follow_rail(self, t_ns: int) -> None:
         """The source reaches as far as its rail, whatever the board file says of either."""
-        while self._drawn_ua > 0.0 and self._supplied_ns + _RAIL_STEP_NS < t_ns:
-            self._supply(self._supplied_ns + _RAIL_STEP_NS)
+        step_ns = _SHORT_STEP_NS if self._is_short else _RAIL_STEP_NS
+        while self._drawn_ua > 0.0 and self._supplied_ns + step_ns < t_ns:
+            self._supply(self._supplied_ns + step_ns)
         self._supply(t_ns)
 
     def _supply(self, t_ns: int) -> None:
+        if self._is_short:
+            self._load_as_taken(t_ns)
         self._supplied_ns = t_ns
         compliance_v = self._rail.volts(t_ns)
         if compliance_v != self._compliance_v:
             self._body.supply(t_ns, compliance_v)
             self._compliance_v = compliance_v
+
+    def _load_as_taken(self, t_ns: int) -> None:
+        """What a source that is short draws is what went through the skin since the last look."""
+        if t_ns <= self._supplied_ns:
+            return
+        node_v = self._body.node_voltage_v(t_ns)
+        before_pc = self._taken_pc
+        count = self._body.electrode_count
+        self._taken_pc = [self._body.absolute_charge_pc(electrode) for electrode in range(count)]
+        if before_pc:
+            # In at one side and out at the other.
+            moved_pc = (sum(self._taken_pc) - sum(before_pc)) / 2
+            through_ua = moved_pc * 1_000 / (t_ns - self._supplied_ns)
+            self._rail.load(t_ns, through_ua + node_v / self._source.leak_ohm * 1e6)
 
     # The body's account
 

@@ -183,6 +183,12 @@ class DacOffset(Fault, frozen=True, tag=True):
     offset_ua: float
 
 
+class SourceShort(Fault, frozen=True, tag=True):
+    """The source is short: its node is on the rail, whatever the DAC and its one-shot say. What is
+    connected takes what it lets through, and a supply that was switched off is emptied by it.
+    """
+
+
 class DacStuck(Fault, frozen=True, tag=True):
     """The DAC's output stays at `code`."""
 
@@ -257,7 +263,7 @@ class MonitorStuck(Fault, frozen=True, tag=True):
 
 
 class SetpointAtPowerUp(Fault, frozen=True, tag=True):
-    """The set-point's EEPROM holds this code; add it when the board is made."""
+    """The set-point's EEPROM holds this code, and puts it out until the first one is written."""
 
     code: int
 
@@ -353,28 +359,32 @@ class Bridge(Fault, frozen=True, tag=True):
     second: int
 
 
+#: What `host.py` can show of a machine.
+Trouble = Literal[
+    "clock_back",
+    "clock_coarse",
+    "clock_follows_load",
+    "date_wrong",
+    "hot",
+    "little_memory",
+    "not_locked",
+    "not_scheduled",
+    "package_missing",
+    "partly_locked",
+    "pins_kept",
+    "realtime_refused",
+    "throttled",
+    "under_voltage",
+    "was_throttled",
+    "was_under_voltage",
+    "wrong_model",
+]
+
+
 class MachineTrouble(Fault, frozen=True, tag=True):
     """A problem of the machine that drives the board."""
 
-    kind: Literal[
-        "clock_back",
-        "clock_coarse",
-        "clock_follows_load",
-        "date_wrong",
-        "hot",
-        "little_memory",
-        "not_locked",
-        "not_scheduled",
-        "package_missing",
-        "partly_locked",
-        "pins_kept",
-        "realtime_refused",
-        "throttled",
-        "under_voltage",
-        "was_throttled",
-        "was_under_voltage",
-        "wrong_model",
-    ]
+    kind: Trouble
 
 
 def fault_of(data: Any) -> Fault:

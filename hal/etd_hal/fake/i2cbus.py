@@ -10,7 +10,7 @@ from typing import Literal
 
 from etd_hal.boardfile import BoardFile, RailMonitor
 from etd_hal.errors import BusError
-from etd_hal.fake.faults import MonitorStuck, SetpointAtPowerUp
+from etd_hal.fake.faults import MonitorStuck
 from etd_hal.fake.faults_due import Faults
 from etd_hal.fake.i2cchips import Ads1115, I2cChip, Mcp4725
 from etd_hal.fake.machines import MachineModel
@@ -48,8 +48,7 @@ class I2cBus:
             for address in addresses
         }
         if board.rail_setpoint != "absent":
-            stored = next((fault.code for fault in faults.of(SetpointAtPowerUp)), 0)
-            self._chips[board.rail_setpoint.address] = Mcp4725(rail.set_point, stored)
+            self._chips[board.rail_setpoint.address] = Mcp4725(rail.set_point, rail.woken_code)
 
     def transfer(
         self, t_ns: int, address: int, write: bytes, read_length: int

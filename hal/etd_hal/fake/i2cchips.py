@@ -98,16 +98,21 @@ class Ads1115:
 class Mcp4725:
     """A 12-bit DAC; `on_code(t_ns, code)` is called when its output changes.
 
-    The EEPROM holds what the output is after power-up: `stored`, which must be 0 on a real board.
+    The EEPROM holds what the output is after power-up, which must be 0 on a real board: `at_first`
+    tells it, until a command writes it.
     """
 
     _READY = 0x80
 
-    def __init__(self, on_code: Callable[[int, int], None], stored: int = 0) -> None:
+    def __init__(
+        self, on_code: Callable[[int, int], None], at_first: Callable[[], int] = int
+    ) -> None:
         self._on_code = on_code
-        self._code = stored
+        self._at_first = at_first
+        #: None: nothing has been written to it yet.
+        self._written: int | None = None
+        self._in_eeprom: int | None = None
         self._power_down = 0
-        self._stored = stored
 
     def write(self, t_ns: int, data: bytes) -> None:
         if len(data) < 2:
@@ -115,23 +120,32 @@ class Mcp4725:
         command = data[0] >> 5
         if command in (0, 1):
             self._power_down = data[0] >> 4 & 3
-            self._code = (data[0] & 0x0F) << 8 | data[1]
+            self._written = (data[0] & 0x0F) << 8 | data[1]
         elif command in (2, 3) and len(data) >= 3:
             self._power_down = data[0] >> 1 & 3
-            self._code = data[1] << 4 | data[2] >> 4
+            self._written = data[1] << 4 | data[2] >> 4
             if command == 3:
-                self._stored = self._code
+                self._in_eeprom = self._written
         self._on_code(t_ns, 0 if self._power_down else self._code)
+
+    @property
+    def _stored(self) -> int:
+        return self._at_first() if self._in_eeprom is None else self._in_eeprom
+
+    @property
+    def _code(self) -> int:
+        return self._stored if self._written is None else self._written
 
     def read(self, t_ns: int, length: int) -> bytes:  # noqa: ARG002 - one shape for all chips
         """Status, output register (2 bytes), then EEPROM (2 bytes)."""
+        code, stored = self._code, self._stored
         answer = bytes(
             (
                 self._READY | self._power_down << 1,
-                self._code >> 4,
-                self._code << 4 & 0xF0,
-                self._stored >> 8,
-                self._stored & 0xFF,
+                code >> 4,
+                code << 4 & 0xF0,
+                stored >> 8,
+                stored & 0xFF,
             )
         )
         return answer[:length].ljust(length, b"\xff")

@@ -24,6 +24,7 @@ from etd_hal.fake.faults import (
     HeartbeatSlow,
     RailOff,
     RailStays,
+    SetpointAtPowerUp,
     StopCutsLate,
     StopCutsNothing,
 )
@@ -62,7 +63,8 @@ class Rail:
         #: From when on each that is open cuts the supply.
         self._open_stops: dict[str, int] = {}
         self._setpoint_code = None if board.rail_setpoint == "absent" else board.rail_setpoint.code
-        self._setpoint = 1.0 if self._setpoint_code is None else _LOWEST
+        #: None: nothing was written to the set-point yet.
+        self._set_code: int | None = None
         self._faults = faults
         self._t_ns = start_ns
         self._load_ua = 0.0
@@ -108,9 +110,19 @@ class Rail:
 
     def set_point(self, t_ns: int, code: int) -> None:
         """The set-point's DAC changes; the board file's code makes the nominal rail."""
-        if self._setpoint_code:
-            self.volts(t_ns)
-            self._setpoint = _LOWEST + (1 - _LOWEST) * code / self._setpoint_code
+        self.volts(t_ns)
+        self._set_code = code
+
+    def woken_code(self) -> int:
+        """What the set-point puts out until one is written."""
+        return next((fault.code for fault in self._faults.of(SetpointAtPowerUp)), 0)
+
+    def _setpoint(self) -> float:
+        """The part of the nominal rail."""
+        if not self._setpoint_code:
+            return 1.0
+        code = self.woken_code() if self._set_code is None else self._set_code
+        return _LOWEST + (1 - _LOWEST) * code / self._setpoint_code
 
     def volts(self, t_ns: int) -> float:
         """The rail at `t_ns`; never earlier than asked before."""
@@ -165,7 +177,7 @@ class Rail:
             enabled = enabled or bool(self._faults.of(EnableStuck))
         if not (enabled and beating) or self._is_cut_by_a_stop():
             return 0.0
-        target_v = self._nominal_v * self._setpoint
+        target_v = self._nominal_v * self._setpoint()
         for fault in self._faults.of(RailOff):
             target_v *= fault.factor
         return target_v
