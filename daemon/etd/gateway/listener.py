@@ -95,23 +95,34 @@ class Listener:
             connection.flush()
             self._watch(fileno, connection)
         if events & ~select.EPOLLOUT:
-            self._readable.add(connection.pid, connection)
+            self._readable.add(connection.sender, connection)
+
+    def take_each(self, may: Callable[[Connection], bool]) -> Iterator[tuple[Connection, Parts]]:
+        """Messages that are there, one of each connection that may; none loses its turn by it."""
+        for connection in list(filter(may, self._readable)):
+            yield from self._taken(connection)
 
     def take(self, most: int) -> Iterator[tuple[Connection, Parts]]:
-        """Messages that are there, at most so many: one of each process before the next of any,
-        and of a process one of each connection.
+        """Messages that are there, at most so many: one of each user before the next of any, of a
+        user one of each process, and of a process one of each connection.
         """
         for _ in range(most):
             connection = self._readable.take()
             if connection is None:
                 return
-            fileno = connection.fileno()
-            parts = connection.take()
-            if parts is not None:
-                self._readable.add(connection.pid, connection)
-            self._watch(fileno, connection)
-            if parts:
-                yield connection, parts
+            yield from self._taken(connection)
+
+    def _taken(self, connection: Connection) -> Iterator[tuple[Connection, Parts]]:
+        """The next message, if it is whole."""
+        fileno = connection.fileno()
+        parts = connection.take()
+        if parts is None:
+            self._readable.discard(connection.sender, connection)
+        else:
+            self._readable.add(connection.sender, connection)
+        self._watch(fileno, connection)
+        if parts:
+            yield connection, parts
 
     def reply(self, number: int, parts: tuple[bytes, ...]) -> bool:
         """False: that client has left, or does not read."""
@@ -139,7 +150,7 @@ class Listener:
                 self._epoll.modify(fileno, wanted)
         elif self._connections.pop(fileno, None) is not None:
             del self._by_number[connection.number]
-            self._readable.discard(connection.pid, connection)
+            self._readable.discard(connection.sender, connection)
             self._counts[f"{self._name}_disconnects"] += 1
             if connection.is_broken_off:
                 self._counts[f"{self._name}_broken_off"] += 1
@@ -170,7 +181,7 @@ class Listener:
         self._connections[fileno] = self._by_number[made.number] = made
         made.watched = select.EPOLLIN | (select.EPOLLOUT if made.has_unread else 0)
         self._epoll.register(fileno, made.watched)
-        self._readable.add(made.pid, made)
+        self._readable.add(made.sender, made)
 
     def _make_room(self, newcomer: Connection) -> bool:
         """The longest silent one gives way, of the process that has most first; none with unread
@@ -180,17 +191,17 @@ class Listener:
         during their handshake.
         """
         held = list(self._connections.values())
-        of_process = Counter(made.pid for made in held)
+        of_process = Counter(made.sender.pid for made in held)
         heaviest = max(of_process.values())
-        if of_process[newcomer.pid] >= heaviest:
-            own = _silent_one([made for made in held if made.pid == newcomer.pid])
+        if of_process[newcomer.sender.pid] >= heaviest:
+            own = _silent_one([made for made in held if made.sender.pid == newcomer.sender.pid])
             return own is not None and self._turn_away(own)
-        silent = _silent_one([made for made in held if of_process[made.pid] == heaviest])
+        silent = _silent_one([made for made in held if of_process[made.sender.pid] == heaviest])
         silent = silent or _silent_one(held)
         if silent is not None:
             return self._turn_away(silent)
         owner: Callable[[Connection], int]
-        for owner in (lambda made: made.uid, lambda made: made.pid):
+        for owner in (lambda made: made.uid, lambda made: made.sender.pid):
             counts = Counter(map(owner, held))
             ((most_of, most),) = counts.most_common(1)
             if most > counts[owner(newcomer)] + 1:
