@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 import zmq
 
-from etd.gateway.listener import MOST_CONNECTIONS
+from etd.gateway.places import MOST_CONNECTIONS, MOST_GUESTS
 from etd.gateway.request_queue import RequestQueue
 from etd.gateway.sockets import Sockets
 from etd.protocol.link import StopNow
 from etd.protocol.messages import TOPICS
 from gateway_rig import GatewayRig
-from raw_client import connected, connected_by_another, hello, part, poured
+from raw_client import connected, connected_by_another, connected_by_others, hello, part, poured
 
 GOOD = hello("DEALER")
 
@@ -167,6 +167,55 @@ def test_a_connection_with_unread_bytes_does_not_give_way(rig: GatewayRig) -> No
         stack.enter_context(connected_by_another(rig.folder / "control.sock"))
         rig.step(2)
         assert any(isinstance(said, StopNow) for said in rig.engine.heard)
+
+
+def crowded(
+    rig: GatewayRig, stack: ExitStack, count: int, first: bytes = GOOD
+) -> list[socket.socket]:
+    """So many connections of this user, each of a process of its own, that say this first."""
+    made = []
+    for one in connected_by_others(rig.folder / "control.sock", count):
+        made.append(stack.enter_context(one))
+        poured(one, first)
+        rig.step()
+    return made
+
+
+def stops_heard(rig: GatewayRig) -> int:
+    return sum(isinstance(said, StopNow) for said in rig.engine.heard)
+
+
+def test_with_all_places_taken_by_processes_of_its_user_a_newcomer_is_heard_to_stop(
+    rig: GatewayRig,
+) -> None:
+    with ExitStack() as stack:
+        held = crowded(rig, stack, MOST_CONNECTIONS - 1)  # the rig's own is one more
+        (guest,) = crowded(rig, stack, 1, GOOD + part(b'{"op":"hello","id":1}'))
+        rig.step(2)
+        assert b'"error":"busy"' in guest.recv(65_536)
+        poured(guest, part(b'{"op":"stop","id":2}'))
+        rig.until(lambda: stops_heard(rig) == 1)
+        rig.step()
+        assert b'"ok":true' in guest.recv(65_536)
+        assert not any(is_ended(rig, one) for one in held)
+        held[0].close()
+        rig.step()
+        poured(guest, part(b'{"op":"hello","id":3}'))
+        rig.step()
+        assert b'"ok":true' in guest.recv(65_536), "a place is free"
+
+
+def test_guests_give_way_to_one_another_and_none_with_a_stop_on_its_way(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        held = crowded(rig, stack, MOST_CONNECTIONS - 1)  # the rig's own is one more
+        first = crowded(rig, stack, MOST_GUESTS)
+        crowded(rig, stack, 3 * MOST_GUESTS)
+        assert all(is_ended(rig, one) for one in first)
+        stopper, *_ = crowded(rig, stack, MOST_GUESTS)
+        poured(stopper, part(b'{"op":"stop"}'))
+        crowded(rig, stack, 1)
+        assert stops_heard(rig) == 1
+        assert not any(is_ended(rig, one) for one in held)
 
 
 def test_an_answer_of_the_engine_does_not_wait_for_all_requests(rig: GatewayRig) -> None:

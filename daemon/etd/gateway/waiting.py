@@ -15,7 +15,7 @@ from typing import Final
 
 from etd.gateway.connection import Connection
 from etd.gateway.inbound import InboundMessage
-from etd.gateway.listener import MOST_CONNECTIONS
+from etd.gateway.places import MOST_CONNECTIONS
 from etd.gateway.turns import Turns
 
 #: Of one connection: so many, and so many bytes once one waits.
