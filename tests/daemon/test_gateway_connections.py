@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -23,6 +25,17 @@ from gateway_rig import GatewayRig
 from raw_client import connected, connected_by_another, connected_by_others, hello, part, poured
 
 GOOD = hello("DEALER")
+
+
+#: As each client does: it looks whether anybody listens, and then connects. Here both wait to be
+#: accepted at once.
+LOOK_AND_STOP = """
+import socket, sys
+for said in (b"", bytes.fromhex(sys.argv[2])):
+    made = socket.socket(socket.AF_UNIX)
+    made.connect(sys.argv[1])
+    made.send(said)
+"""
 
 
 @pytest.fixture
@@ -190,10 +203,11 @@ def test_with_all_places_taken_by_processes_of_its_user_a_newcomer_is_heard_to_s
 ) -> None:
     with ExitStack() as stack:
         held = crowded(rig, stack, MOST_CONNECTIONS - 1)  # the rig's own is one more
-        (guest,) = crowded(rig, stack, 1, GOOD + part(b'{"op":"hello","id":1}'))
+        (other,) = crowded(rig, stack, 1, GOOD + part(b'{"op":"hello","id":1}'))
         rig.step(2)
-        assert b'"error":"busy"' in guest.recv(65_536)
-        poured(guest, part(b'{"op":"stop","id":2}'))
+        assert b'"error":"busy"' in other.recv(65_536)
+        assert is_ended(rig, other), "it leaves its room to one that stops"
+        (guest,) = crowded(rig, stack, 1, GOOD + part(b'{"op":"stop","id":2}'))
         rig.until(lambda: stops_heard(rig) == 1)
         rig.step()
         assert b'"ok":true' in guest.recv(65_536)
@@ -203,6 +217,26 @@ def test_with_all_places_taken_by_processes_of_its_user_a_newcomer_is_heard_to_s
         poured(guest, part(b'{"op":"hello","id":3}'))
         rig.step()
         assert b'"ok":true' in guest.recv(65_536), "a place is free"
+
+
+def test_a_guest_that_looked_whether_anybody_listens_is_let_in(rig: GatewayRig) -> None:
+    said = GOOD + part(b'{"op":"stop"}')
+    with ExitStack() as stack:
+        crowded(rig, stack, MOST_CONNECTIONS - 1)
+        path = str(rig.folder / "control.sock")
+        subprocess.run([sys.executable, "-c", LOOK_AND_STOP, path, said.hex()], check=True)
+        rig.step(2)
+        assert stops_heard(rig) == 1
+
+
+def test_guests_that_flood_keep_no_room_from_a_stop(rig: GatewayRig) -> None:
+    flood = b"".join(part(b'{"op":"status","id":%d}' % number) for number in range(100))
+    with ExitStack() as stack:
+        crowded(rig, stack, MOST_CONNECTIONS - 1)
+        crowded(rig, stack, 2 * MOST_GUESTS, GOOD + flood)
+        crowded(rig, stack, 1, GOOD + part(b'{"op":"stop"}'))
+        rig.step()
+        assert stops_heard(rig) == 1
 
 
 def test_guests_give_way_to_one_another_and_none_with_a_stop_on_its_way(rig: GatewayRig) -> None:

@@ -143,6 +143,14 @@ class Listener:
         connection.break_off()
         self._watch(fileno, connection)
 
+    def turn_away(self, victim: Connection) -> None:
+        """It had to give way, or was let in for something else than it asks for."""
+        if victim.is_open:
+            self._counts[f"{self._name}_turned_away"] += 1
+            fileno = victim.fileno()
+            victim.close()
+            self._forget(fileno, victim)
+
     def _watch(self, fileno: int, connection: Connection) -> None:
         """After anything that may have closed it, or left something unread."""
         if connection.is_open:
@@ -163,12 +171,12 @@ class Listener:
                 # No descriptor is left: one of these gives way.
                 held = list(self._connections.values())
                 if held:
-                    self._turn_away(places.silent_one(held) or held[-1])
+                    self.turn_away(places.silent_one(held) or held[-1])
                 return
             made = Connection(accepted, self._kind, self._most_bytes, next(self._numbers))
             verdict = places.let_in(made, list(self._connections.values()), self._most_guests)
             if verdict.leaving is not None:
-                self._turn_away(verdict.leaving)
+                self.turn_away(verdict.leaving)
             if verdict.is_let_in:
                 made.is_guest = verdict.is_guest
                 self._admit(made)
@@ -184,12 +192,6 @@ class Listener:
         made.watched = select.EPOLLIN | (select.EPOLLOUT if made.has_unread else 0)
         self._epoll.register(fileno, made.watched)
         self._readable.add(made.sender, made)
-
-    def _turn_away(self, victim: Connection) -> None:
-        self._counts[f"{self._name}_turned_away"] += 1
-        fileno = victim.fileno()
-        victim.close()
-        self._forget(fileno, victim)
 
     def _forget(self, fileno: int, ended: Connection) -> bool:
         """Whether it was one of these."""

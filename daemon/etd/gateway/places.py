@@ -18,6 +18,9 @@ MOST_CONNECTIONS = 80
 #: Beside these on the control socket, heard only to stop: newcomers of a user whose processes have
 #: all the places.
 MOST_GUESTS = 16
+#: Of one process: a client looks whether anybody listens, by a connection that it closes, and then
+#: connects.
+_MOST_GUESTS_OF_A_PROCESS = 4
 
 
 class Verdict(NamedTuple):
@@ -77,10 +80,11 @@ def _gives_way(newcomer: Connection, seated: Sequence[Connection]) -> Connection
 
 
 def _as_guest(newcomer: Connection, held: Sequence[Connection], most_guests: int) -> Verdict:
-    """Of a process that has no connection yet; where the room of guests is taken, one leaves."""
-    if not most_guests or any(made.sender == newcomer.sender for made in held):
-        return Verdict(False)
+    """Of a process that has no place; where the room of guests is taken, one leaves."""
     guests = [made for made in held if made.is_guest]
+    own = [made for made in held if made.sender == newcomer.sender]
+    if not all(made.is_guest for made in own) or len(own) >= _MOST_GUESTS_OF_A_PROCESS:
+        return Verdict(False)
     if len(guests) < most_guests:
         return Verdict(True, is_guest=True)
     said_all = (made for made in guests if not made.has_sent_more())

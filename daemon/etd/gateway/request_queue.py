@@ -54,12 +54,15 @@ class RequestQueue:
         self._sockets = sockets
         self._stops: deque[Waiting] = deque()
         self._others = WaitingRequests()
+        #: Guests that asked for something else than to stop: they get a reply to that, and leave.
+        self._leaving: list[Connection] = []
         #: How many were read, stops and refused ones included.
         self.read = 0
 
     def look(self) -> list[tuple[Refused, Id | None, InboundMessage]]:
         """Read what has arrived. Returns what is refused, since too much waits already."""
         refused = []
+        leaving, self._leaving = self._leaving, []
         self._sockets.look()
         control = self._sockets.control
         of_each, in_turn = control.take_each(self._has_little), control.take(MOST_A_LOOK)
@@ -69,9 +72,15 @@ class RequestQueue:
             if is_stop(inbound):
                 self._stops.append((_read(inbound), inbound))
                 continue
-            why = _NO_PLACE if connection.is_guest else self._others.add(connection, inbound)
+            if connection.is_guest:
+                self._leaving.append(connection)
+                why: str | None = _NO_PLACE
+            else:
+                why = self._others.add(connection, inbound)
             if why is not None:
                 refused.append((Refused("busy", why), id_of(inbound), inbound))
+        for guest in leaving:
+            control.turn_away(guest)
         return refused
 
     def take_stop(self) -> Waiting | None:
