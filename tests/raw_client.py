@@ -14,11 +14,13 @@ from pathlib import Path
 
 _GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32)
 #: Has as many children as its third argument says: each connects to its first argument, and gives
-#: the connection to the socket that is its second.
+#: the connection to the socket that is its second. Each but the first waits for a byte from there.
 _CONNECT = """
 import os, socket, sys
 to = socket.socket(fileno=int(sys.argv[2]))
-for _ in range(int(sys.argv[3])):
+for number in range(int(sys.argv[3])):
+    if number and not to.recv(1):
+        break
     child = os.fork()
     if not child:
         made = socket.socket(socket.AF_UNIX)
@@ -42,20 +44,21 @@ def connected(path: Path) -> socket.socket:
 
 def connected_by_others(path: Path, count: int) -> Iterator[socket.socket]:
     """So many, each by a process of its own: it has ended, and the other end sees its pid for good.
-    The next one connects once this one is accepted, or has a place among those that wait for it.
+    One connects when it is asked for, and not before.
     """
     ours, theirs = socket.socketpair()
-    with ours:
-        with theirs:
-            number = theirs.fileno()
-            command = [sys.executable, "-S", "-c", _CONNECT, str(path), str(number), str(count)]
-            connecting = subprocess.Popen(command, pass_fds=[number])
-        with connecting:
-            for _ in range(count):
-                _, (fileno,), _, _ = socket.recv_fds(ours, 1, 1)
-                made = socket.socket(fileno=fileno)
-                made.setblocking(False)
-                yield made
+    with theirs:
+        to = theirs.fileno()
+        command = [sys.executable, "-S", "-c", _CONNECT, str(path), str(to), str(count)]
+        connecting = subprocess.Popen(command, pass_fds=[to])
+    with connecting, ours:
+        for number in range(count):
+            if number:
+                ours.sendall(b"!")
+            _, (fileno,), _, _ = socket.recv_fds(ours, 1, 1)
+            made = socket.socket(fileno=fileno)
+            made.setblocking(False)
+            yield made
 
 
 def connected_by_another(path: Path) -> socket.socket:

@@ -230,7 +230,7 @@ def test_a_guest_that_looked_whether_anybody_listens_is_let_in(rig: GatewayRig) 
 
 
 def test_guests_that_flood_keep_no_room_from_a_stop(rig: GatewayRig) -> None:
-    flood = b"".join(part(b'{"op":"status","id":%d}' % number) for number in range(100))
+    flood = b"".join(part(b'{"op":"status","id":%d}' % number) for number in range(2_000))
     with ExitStack() as stack:
         crowded(rig, stack, MOST_CONNECTIONS - 1)
         crowded(rig, stack, 2 * MOST_GUESTS, GOOD + flood)
