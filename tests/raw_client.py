@@ -9,15 +9,25 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 _GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32)
-#: Connects to its first argument, and gives the connection to the socket that is its second.
+#: Has as many children as its third argument says: each connects to its first argument, and gives
+#: the connection to the socket that is its second. Each but the first waits for a byte from there.
 _CONNECT = """
-import socket, sys
-made = socket.socket(socket.AF_UNIX)
-made.connect(sys.argv[1])
-socket.send_fds(socket.socket(fileno=int(sys.argv[2])), [b"!"], [made.fileno()])
+import os, socket, sys
+to = socket.socket(fileno=int(sys.argv[2]))
+for number in range(int(sys.argv[3])):
+    if number and not to.recv(1):
+        break
+    child = os.fork()
+    if not child:
+        made = socket.socket(socket.AF_UNIX)
+        made.connect(sys.argv[1])
+        socket.send_fds(to, [b"!"], [made.fileno()])
+        os._exit(0)
+    os.waitpid(child, 0)
 """
 
 
@@ -32,15 +42,28 @@ def connected(path: Path) -> socket.socket:
     return made
 
 
-def connected_by_another(path: Path) -> socket.socket:
-    """The same, by a process of its own: it has ended, and the other end sees its pid for good."""
+def connected_by_others(path: Path, count: int) -> Iterator[socket.socket]:
+    """So many, each by a process of its own: it has ended, and the other end sees its pid for good.
+    One connects when it is asked for, and not before.
+    """
     ours, theirs = socket.socketpair()
-    with ours, theirs:
-        command = [sys.executable, "-S", "-c", _CONNECT, str(path), str(theirs.fileno())]
-        subprocess.run(command, pass_fds=[theirs.fileno()], check=True, timeout=60)
-        _, (fileno,), _, _ = socket.recv_fds(ours, 1, 1)
-    made = socket.socket(fileno=fileno)
-    made.setblocking(False)
+    with theirs:
+        to = theirs.fileno()
+        command = [sys.executable, "-S", "-c", _CONNECT, str(path), str(to), str(count)]
+        connecting = subprocess.Popen(command, pass_fds=[to])
+    with connecting, ours:
+        for number in range(count):
+            if number:
+                ours.sendall(b"!")
+            _, (fileno,), _, _ = socket.recv_fds(ours, 1, 1)
+            made = socket.socket(fileno=fileno)
+            made.setblocking(False)
+            yield made
+
+
+def connected_by_another(path: Path) -> socket.socket:
+    """The same of one."""
+    (made,) = connected_by_others(path, 1)
     return made
 
 

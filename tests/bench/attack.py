@@ -1,9 +1,10 @@
 """`make bench-attack`: a stop while strangers do to the gateway what they can.
 
 Owns: the strangers (connections that send nothing, messages without end, subscriptions without end,
-clients that never read, arrays that decode to much, slow requests, floods), each a process of its
-own at nice 19; how long a stop takes to the engine and back meanwhile; and the gateway's memory and
-descriptors. Exit status 1 where a bound is not met. Must not know: how the gateway defends itself.
+clients that never read, arrays that decode to much, slow requests, floods, also from many processes
+of one user), each a process of its own at nice 19; how long a stop takes to the engine and back
+meanwhile; and the gateway's memory and descriptors. Exit status 1 where a bound is not met. Must
+not know: how the gateway defends itself.
 
 The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is on this machine.
 """
@@ -15,6 +16,7 @@ import contextlib
 import itertools
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -35,11 +37,11 @@ from rich.table import Table  # noqa: E402
 from bench.latency import ended, wait_for_engine  # noqa: E402
 from bench.run import Bound, at_most  # noqa: E402
 from etd.client import clock  # noqa: E402
-from etd.files.paths import CONTROL, TELEMETRY  # noqa: E402
-from raw_client import connected, hello, part, poured  # noqa: E402
+from etd.files.paths import CONTROL, FRAMES, TELEMETRY  # noqa: E402
+from raw_client import connected, connected_by_others, hello, part, poured  # noqa: E402
 
 _HERE = Path(__file__).resolve().parent
-STOPS, CONNECTS = 200, 2_000
+STOPS, CONNECTS, PROCESSES = 200, 2_000, 70
 #: Of a stop: until the engine has heard it, and until its reply is there; and of the gateway.
 HEARD_P99_MS, ANSWERED_P99_MS = 20.0, 50.0
 MOST_MB, MOST_DESCRIPTORS = 100.0, 300
@@ -155,6 +157,40 @@ def flood(folder: Path) -> Turns:
             yield
 
 
+def many_processes(folder: Path) -> Turns:
+    """Requests as they can be sent, short ones and long ones, by seventy connections of as many
+    processes: children that connect, hand the connection back and end.
+    """
+    asked = itertools.cycle([part(b'{"op": "status"}') * 50, *map(part, _ARRAYS)])
+    with ExitStack() as stack:
+        unsent: dict[socket.socket, bytes] = {}
+        for made in connected_by_others(folder / CONTROL, PROCESSES):
+            unsent[stack.enter_context(made)] = hello("DEALER")
+            yield
+        while True:
+            for client, left in unsent.items():
+                left = left or next(asked)
+                unsent[client] = left[max(0, poured(client, left)) :]
+                with contextlib.suppress(BlockingIOError, ConnectionResetError):
+                    client.recv(65_536)
+            yield
+
+
+def stream_large_frames(folder: Path) -> Turns:
+    """To the other socket, where nobody is answered."""
+    frames = itertools.cycle([part(frame) for frame in _ARRAYS])
+    with ExitStack() as stack:
+        pouring = [
+            _pour(folder / FRAMES, hello("PUSH"), lambda: next(frames)) for _ in range(PROCESSES)
+        ]
+        for one in pouring:
+            stack.callback(one.close)
+        while True:
+            pouring = [one for one in pouring if next(one, "ended") is None]
+            yield
+            clock.sleep_s(0.001)
+
+
 STRANGERS: dict[str, Stranger] = {
     one.__name__: one
     for one in (
@@ -165,6 +201,8 @@ STRANGERS: dict[str, Stranger] = {
         send_large_arrays,
         ask_for_slow_things,
         flood,
+        many_processes,
+        stream_large_frames,
     )
 }
 

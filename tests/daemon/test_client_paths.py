@@ -6,6 +6,7 @@ Owns: the order of system and user folders, and who counts as running.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import socket
 import tempfile
@@ -124,9 +125,55 @@ def test_of_another_user_root_asks_a_few_after_its_own_and_says_how_many_not(
     assert [daemon.name for daemon in found] == ["main", "own"]
     assert len(others.daemons) == paths.MOST_OF_A_USER
     (told,) = others.not_asked
-    assert str(folders / "sessions/1000/etd") in told
-    assert "12 more" in told
+    assert f"`etd stop --folder {folders}/sessions/1000/etd/a" in told
+    assert "of the user 65533 that were not asked: 12;" in told
     assert all("reboot" not in daemon.name for daemon in others.daemons)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_one_user_takes_no_other_users_place_by_folders_of_many_names(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A name that is read as the same number is no name of a daemon's folder; and what one user
+    has in several folders counts together.
+    """
+    monkeypatch.setattr(paths, "USER_RUNTIMES", folders / "sessions")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders / "tmp"))
+    stranger = 2_000
+    names = ("2000", "02000", "002000", "0002000", "00002000", "\u0662\u0660\u0660\u0660")
+    theirs = [f"tmp/etd-{name}" for name in names] + ["sessions/2000/etd", "sessions/2001/etd"]
+    with ExitStack() as stack:
+        for parent, number in itertools.product(theirs, range(10)):
+            stack.enter_context(listen(folders / parent / f"a{number}"))
+        for parent in theirs:
+            os.chown(folders / parent, stranger, stranger)
+        for victim in (65_532, 65_533):
+            stack.enter_context(listen(folders / f"tmp/etd-{victim}" / "victim"))
+            os.chown(folders / f"tmp/etd-{victim}", victim, victim)
+        others = paths.find_daemons_of_others()
+    found = [daemon.name for daemon in others.daemons]
+    assert found.count("victim") == 2
+    assert len(found) == 2 + paths.MOST_OF_A_USER
+    (told,) = others.not_asked
+    assert f"of the user 2000 that were not asked: {3 * 10 - paths.MOST_OF_A_USER};" in told
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_of_many_users_each_is_asked_once_before_any_is_asked_twice(
+    folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paths, "USER_RUNTIMES", folders / "sessions")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders / "tmp"))
+    users = range(2_000, 2_000 + paths.MOST_OF_OTHERS + 2)
+    with ExitStack() as stack:
+        for uid in users:
+            for number in range(3):
+                stack.enter_context(listen(folders / f"tmp/etd-{uid}" / f"a{number}"))
+            os.chown(folders / f"tmp/etd-{uid}", uid, uid)
+        others = paths.find_daemons_of_others()
+    assert [daemon.name for daemon in others.daemons] == ["a0"] * paths.MOST_OF_OTHERS
+    assert len(others.not_asked) == len(users)
+    assert "of the user 2033 that were not asked: 3;" in others.not_asked[-1]
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")

@@ -78,7 +78,7 @@ def test_every_key_is_required(tmp_path: Path, key: str) -> None:
     [
         ("backend =", "backnd =", r"unknown field `backnd`"),
         ('"fake"', '"fakee"', r"backend: it says 'fakee'"),
-        ("operators = []", 'operators = []\ntcp = "tcp://*:5560"', r"tcp: .*has no keys"),
+        ("operators = []", 'operators = []\ntcp = "tcp://*:5560"', r"tcp: .*has no keys.*over ssh"),
         ('"kajimoto-hv507"', '"kajimoto"', r"no 'kajimoto' among the shipped boards.*reference"),
         ('"pi4"', '"pi5"', r"no 'pi5' among the shipped machines.*pi3, pi4"),
         ('"grid-8x8"', '"./none.toml"', r"array: it says './none\.toml': there is no such file"),

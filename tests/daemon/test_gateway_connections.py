@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -14,15 +16,26 @@ from pathlib import Path
 import pytest
 import zmq
 
-from etd.gateway.listener import MOST_CONNECTIONS
+from etd.gateway.places import MOST_CONNECTIONS, MOST_GUESTS
 from etd.gateway.request_queue import RequestQueue
 from etd.gateway.sockets import Sockets
 from etd.protocol.link import StopNow
 from etd.protocol.messages import TOPICS
 from gateway_rig import GatewayRig
-from raw_client import connected, connected_by_another, hello, part, poured
+from raw_client import connected, connected_by_another, connected_by_others, hello, part, poured
 
 GOOD = hello("DEALER")
+
+
+#: As each client does: it looks whether anybody listens, and then connects. Here both wait to be
+#: accepted at once.
+LOOK_AND_STOP = """
+import socket, sys
+for said in (b"", bytes.fromhex(sys.argv[2])):
+    made = socket.socket(socket.AF_UNIX)
+    made.connect(sys.argv[1])
+    made.send(said)
+"""
 
 
 @pytest.fixture
@@ -169,6 +182,76 @@ def test_a_connection_with_unread_bytes_does_not_give_way(rig: GatewayRig) -> No
         assert any(isinstance(said, StopNow) for said in rig.engine.heard)
 
 
+def crowded(
+    rig: GatewayRig, stack: ExitStack, count: int, first: bytes = GOOD
+) -> list[socket.socket]:
+    """So many connections of this user, each of a process of its own, that say this first."""
+    made = []
+    for one in connected_by_others(rig.folder / "control.sock", count):
+        made.append(stack.enter_context(one))
+        poured(one, first)
+        rig.step()
+    return made
+
+
+def stops_heard(rig: GatewayRig) -> int:
+    return sum(isinstance(said, StopNow) for said in rig.engine.heard)
+
+
+def test_with_all_places_taken_by_processes_of_its_user_a_newcomer_is_heard_to_stop(
+    rig: GatewayRig,
+) -> None:
+    with ExitStack() as stack:
+        held = crowded(rig, stack, MOST_CONNECTIONS - 1)  # the rig's own is one more
+        (other,) = crowded(rig, stack, 1, GOOD + part(b'{"op":"hello","id":1}'))
+        rig.step(2)
+        assert b'"error":"busy"' in other.recv(65_536)
+        assert is_ended(rig, other), "it leaves its room to one that stops"
+        (guest,) = crowded(rig, stack, 1, GOOD + part(b'{"op":"stop","id":2}'))
+        rig.until(lambda: stops_heard(rig) == 1)
+        rig.step()
+        assert b'"ok":true' in guest.recv(65_536)
+        assert not any(is_ended(rig, one) for one in held)
+        held[0].close()
+        rig.step()
+        poured(guest, part(b'{"op":"hello","id":3}'))
+        rig.step()
+        assert b'"ok":true' in guest.recv(65_536), "a place is free"
+
+
+def test_a_guest_that_looked_whether_anybody_listens_is_let_in(rig: GatewayRig) -> None:
+    said = GOOD + part(b'{"op":"stop"}')
+    with ExitStack() as stack:
+        crowded(rig, stack, MOST_CONNECTIONS - 1)
+        path = str(rig.folder / "control.sock")
+        subprocess.run([sys.executable, "-c", LOOK_AND_STOP, path, said.hex()], check=True)
+        rig.step(2)
+        assert stops_heard(rig) == 1
+
+
+def test_guests_that_flood_keep_no_room_from_a_stop(rig: GatewayRig) -> None:
+    flood = b"".join(part(b'{"op":"status","id":%d}' % number) for number in range(2_000))
+    with ExitStack() as stack:
+        crowded(rig, stack, MOST_CONNECTIONS - 1)
+        crowded(rig, stack, 2 * MOST_GUESTS, GOOD + flood)
+        crowded(rig, stack, 1, GOOD + part(b'{"op":"stop"}'))
+        rig.step()
+        assert stops_heard(rig) == 1
+
+
+def test_guests_give_way_to_one_another_and_none_with_a_stop_on_its_way(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        held = crowded(rig, stack, MOST_CONNECTIONS - 1)  # the rig's own is one more
+        first = crowded(rig, stack, MOST_GUESTS)
+        crowded(rig, stack, 3 * MOST_GUESTS)
+        assert all(is_ended(rig, one) for one in first)
+        stopper, *_ = crowded(rig, stack, MOST_GUESTS)
+        poured(stopper, part(b'{"op":"stop"}'))
+        crowded(rig, stack, 1)
+        assert stops_heard(rig) == 1
+        assert not any(is_ended(rig, one) for one in held)
+
+
 def test_an_answer_of_the_engine_does_not_wait_for_all_requests(rig: GatewayRig) -> None:
     with ExitStack() as stack:
         made = client(rig, stack, GOOD + part(b'{"op":"stop","client":"t","id":"stop"}'))
@@ -195,10 +278,9 @@ def asked_by_a_crowd_and_by_another(sockets: Sockets, stack: ExitStack, folder: 
 def test_processes_are_read_in_turn_however_many_connections_one_has(tmp_path: Path) -> None:
     with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
         asked_by_a_crowd_and_by_another(sockets, stack, tmp_path)
-        # Each one's handshake is the first that is taken.
         read = [parts[-1] for _, parts in sockets.control.take(40)]
         assert len(read) > 1
-        assert b"theirs" in read[0]
+        assert b"theirs" in read[1], "one of the crowd's, one of theirs"
 
 
 def test_requests_of_processes_are_handled_in_turn(tmp_path: Path) -> None:

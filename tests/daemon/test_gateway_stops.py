@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import re
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
@@ -16,12 +17,14 @@ from etd.files import resources
 from etd.files.calibration import load_calibration
 from etd.gateway.inbound import InboundMessage, Unreadable, is_stop, read_request
 from etd.gateway.parsed_files import MOST, ParsedFiles
-from etd.gateway.request_queue import MOST_BYTES_OF_A_CLIENT, MOST_OF_A_CLIENT
+from etd.gateway.request_queue import RequestQueue
+from etd.gateway.sockets import Sockets
+from etd.gateway.waiting import MOST_BYTES_OF_A_CLIENT, MOST_BYTES_OF_A_USER, MOST_OF_A_CLIENT
 from etd.protocol.errors import FileError
 from etd.protocol.link import StopNow
 from etd.protocol.messages import Stop
 from gateway_rig import GatewayRig
-from raw_client import connected, hello, part, poured
+from raw_client import connected, connected_by_others, hello, part, poured
 
 pytestmark = pytest.mark.slow
 
@@ -160,6 +163,118 @@ def test_only_so_many_files_are_kept(tmp_path: Path) -> None:
         last = parsed.calibration(path)
     assert parsed.calibration(paths[-1]) is last
     assert parsed.calibration(paths[0]) is not first
+
+
+def status(number: int) -> bytes:
+    return part(b'{"op":"status","id":%d}' % number)
+
+
+#: What a connection of a flood sends over and over.
+FLOODS = {
+    "short requests": b"".join(status(number) for number in range(200)),
+    "long requests": part(b'{"op":"' + b"y" * 60_000 + b'"}') * 3,
+    "half a request": part(b'{"op":"' + b"y" * 60_000 + b'"}')[:-1],
+    "heartbeats": b"\x04\x07\x04PING\x00\x00" * 200,
+    "parts that are no request": (part(b"y" * 30_000, more=True) + part(b"")) * 3,
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS.values(), ids=FLOODS)
+@pytest.mark.parametrize("already_asked", [0, 3])
+def test_a_stop_among_seventy_processes_of_its_own_user_is_found_before_the_next_request(
+    tmp_path: Path, flood: bytes, already_asked: int
+) -> None:
+    """Whether they have just begun or are at it: what they send is there before each look."""
+    with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
+        requests, control = RequestQueue(sockets), tmp_path / "control.sock"
+        flooding = []
+        for made in connected_by_others(control, 70):
+            flooding.append(stack.enter_context(made))
+            poured(made, hello("DEALER"))
+            requests.look()
+        unsent = dict.fromkeys(flooding, flood)
+
+        def looked() -> None:
+            for client in flooding:
+                unsent[client] = unsent[client][max(0, poured(client, unsent[client])) :] or flood
+            requests.look()
+
+        for round_ in range(60):
+            if round_ % 10 == 0:
+                stopper = stack.enter_context(connected(control))
+                poured(stopper, hello("DEALER"))
+                looked()
+                poured(stopper, b"".join(status(number) for number in range(already_asked)))
+                for _ in range(already_asked):
+                    looked()
+                poured(stopper, part(b'{"op":"stop"}'))
+                looked()
+                assert requests.take_stop() is not None, round_
+            looked()
+            requests.take()
+
+
+def test_a_stop_with_its_handshake_is_found_at_once(tmp_path: Path) -> None:
+    with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
+        requests = RequestQueue(sockets)
+        stopper = stack.enter_context(connected(tmp_path / "control.sock"))
+        poured(stopper, hello("DEALER") + part(b'{"op":"stop"}'))
+        requests.look()
+        assert requests.take_stop() is not None
+
+
+def test_of_clients_that_leave_only_so_much_waits(tmp_path: Path) -> None:
+    """Each time another connection: the bound is the user's."""
+    long = part(b'{"op":"' + b"y" * 60_000 + b'"}')
+    with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
+        requests, refusals = RequestQueue(sockets), 0
+        for _ in range(MOST_BYTES_OF_A_USER // 60_000 + 50):
+            with closing(connected(tmp_path / "control.sock")) as leaving:
+                left = hello("DEALER") + long
+                while left:
+                    left = left[poured(leaving, left) :]
+                    refusals += len(requests.look())
+            for _ in range(5):
+                refusals += len(requests.look())
+        assert refusals >= 50
+        stopper = stack.enter_context(connected(tmp_path / "control.sock"))
+        poured(stopper, hello("DEALER") + part(b'{"op":"stop"}'))
+        requests.look()
+        assert requests.take_stop() is not None
+        handled = 0
+        while requests.take() is not None:
+            handled += 1
+        assert handled * 60_000 < MOST_BYTES_OF_A_USER
+        poured(stopper, status(1))
+        assert not requests.look(), "there is room again"
+
+
+def test_all_parts_count_among_what_waits(tmp_path: Path) -> None:
+    asked = (part(b"y" * 60_000, more=True) + status(1)) * 8
+    with closing(Sockets(tmp_path)) as sockets, ExitStack() as stack:
+        requests, refusals = RequestQueue(sockets), 0
+        asking = stack.enter_context(connected(tmp_path / "control.sock"))
+        left = hello("DEALER") + asked
+        while left:
+            left = left[poured(asking, left) :]
+            refusals += len(requests.look())
+        for _ in range(200):
+            refusals += len(requests.look())
+        assert refusals == 8 - MOST_BYTES_OF_A_CLIENT // 60_000
+
+
+def test_a_turn_decodes_one_long_frame_and_then_looks_for_stops(rig: GatewayRig) -> None:
+    long = part(
+        b'{"op":"frame","lease":"x","seq":1,"level":[' + b",".join([b"0.5"] * 16_000) + b"]}"
+    )
+    with closing(connected(rig.folder / "frames.sock")) as flooding:
+        left = hello("PUSH") + long * 3
+        before = [0]
+        while left or before[-1] < 3:
+            left = left[max(0, poured(flooding, left)) :] if left else b""
+            rig.gateway.step(5)
+            before.append(rig.gateway.counters["refused_bad_message"])
+        assert max(after - one for one, after in itertools.pairwise(before)) == 1
 
 
 @pytest.mark.parametrize(

@@ -17,12 +17,13 @@ import zmq
 
 from command_rig import WITHIN_S, Command, CommandRig, command_rig
 from etd.client import clock
-from raw_client import connected, hello, part, poured
+from raw_client import connected, connected_by_others, hello, part, poured
 
 pytestmark = pytest.mark.slow
 
 CONNECTS = 2_000
 MOST_DESCRIPTORS = 300
+DESCRIPTORS_AT_REST = 20
 MOST_MB = 100.0
 #: Of what never ends, so much is sent or so long, whichever comes first.
 ENDLESS_BYTES, ENDLESS_S = 300_000_000, 2.0
@@ -123,6 +124,20 @@ def test_two_thousand_connects_leave_room_for_a_stop(
         said = gateway.rig.run("stop")
         assert said.status == 0, said.err
     gateway.ask(gateway.client(), b'{"op":"hello"}')
+
+
+def test_a_user_whose_processes_hold_all_connections_can_stop(gateway: Gateway) -> None:
+    """Also where they have taken the room of those that are heard only to stop."""
+    # While this process has left connections of another test behind, it is the one that has most.
+    while gateway.descriptors > DESCRIPTORS_AT_REST:
+        gateway.ask(gateway.early, b'{"op":"status"}')
+    with ExitStack() as stack:
+        for made in connected_by_others(gateway.path("control"), 120):
+            poured(stack.enter_context(made), hello("DEALER"))
+            gateway.ask(gateway.early, b'{"op":"status"}')
+        assert gateway.descriptors < MOST_DESCRIPTORS
+        said = gateway.rig.run("stop")
+        assert said.status == 0, said.err
 
 
 ENDLESS = {

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
-import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
+from typing import Self
 
 import pytest
+import zmq
 
 from command_rig import CommandRig, command_rig
 from etd.files.paths import MOST_OF_A_USER
@@ -16,6 +20,37 @@ from etd.files.paths import MOST_OF_A_USER
 pytestmark = pytest.mark.slow
 STRANGER = 65_533
 SOCKETS = 400
+
+
+class Stopping(threading.Thread):
+    """A daemon, as far as `etd stop` can tell: it answers each request that all is well, or what
+    it is given.
+    """
+
+    def __init__(self, folder: Path, answer: bytes | None = None) -> None:
+        super().__init__()
+        self._answer = answer
+        self._context = zmq.Context()
+        self._router = self._context.socket(zmq.ROUTER)
+        self._router.bind(f"ipc://{folder / 'control.sock'}")
+        self._ending = threading.Event()
+        self.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ending.set()
+        self.join()
+        self._context.destroy(linger=0)
+
+    def run(self) -> None:
+        while not self._ending.is_set():
+            if self._router.poll(50):
+                *route, data = self._router.recv_multipart()
+                said = {"ok": True, "now_ns": 1, "id": json.loads(data).get("id")}
+                answer = self._answer or json.dumps(said).encode()
+                self._router.send_multipart([*route, answer])
 
 
 @pytest.fixture
@@ -46,5 +81,43 @@ def test_four_hundred_sockets_of_a_stranger_keep_root_from_nothing(rig: CommandR
     assert stopped.answer["daemons"][0]["name"] == "main"
     assert stopped.status == 3
     (told,) = stopped.answer["not_asked"]
-    assert str(SOCKETS - MOST_OF_A_USER) in told
-    assert tempfile.gettempdir() in told
+    assert f"not asked: {SOCKETS - MOST_OF_A_USER};" in told
+    assert str(theirs) in told
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root asks daemons of other users")
+def test_where_somebody_was_not_asked_the_status_and_a_sentence_say_so(rig: CommandRig) -> None:
+    """All that were asked have stopped: it is no success for those that were not."""
+    theirs = rig.folder / f"etd-{STRANGER}"
+    with ExitStack() as stack:
+        for number in range(MOST_OF_A_USER + 1):
+            folder = theirs / f"a{number}"
+            folder.mkdir(parents=True)
+            stack.enter_context(Stopping(folder))
+        os.chown(theirs, STRANGER, STRANGER)
+        said, in_json = rig.run("stop"), rig.run("stop", "--json")
+    assert said.status == in_json.status == 3
+    assert in_json.answer["ok"] is False
+    assert all(entry["error"] is None for entry in in_json.answer["daemons"])
+    assert f"NOT STOPPED: sockets of the user {STRANGER} that were not asked: 1;" in said.err
+    assert f"`etd stop --folder {theirs}/a8`" in said.err
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root asks daemons of other users")
+@pytest.mark.parametrize(
+    "answer", [b" ", b"[]", b"{", b'{"ok":true,"id":1}', b'{"ok":false,"id":1}', b"[" * 60_000]
+)
+def test_what_answers_as_no_daemon_does_hides_nothing_of_the_others(
+    rig: CommandRig, answer: bytes
+) -> None:
+    with ExitStack() as stack:
+        for uid, says in ((STRANGER - 1, answer), (STRANGER, None)):
+            folder = rig.folder / f"etd-{uid}" / f"of{uid}"
+            folder.mkdir(parents=True)
+            stack.enter_context(Stopping(folder, says))
+            os.chown(folder.parent, uid, uid)
+        said = rig.run("stop")
+    assert said.status == 3
+    assert f"of{STRANGER}: silent, HALTED" in said.out
+    assert f"of{STRANGER - 1}: NOT STOPPED" in said.out
+    assert "Traceback" not in said.err

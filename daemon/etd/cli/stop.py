@@ -17,8 +17,8 @@ from functools import partial
 import msgspec
 
 from etd.cli import NOT_THERE, options, status_of
-from etd.client import Display
 from etd.client.connection import host_asked_for
+from etd.client.stopping import stop_at
 from etd.files.paths import (
     CONTROL,
     DEFAULT_NAME,
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The system's daemons and this user's first: what others have made cannot delay them.
 
-    Exit status 3: a daemon did not answer (or there is none). 1: a daemon refused.
+    Exit status 3: a daemon did not answer or was not asked (or there is none). 1: one refused.
     Raises: DaemonGone if there is none.
     """
     there = options.address_named(args)
@@ -93,19 +93,21 @@ def run(args: argparse.Namespace) -> int:
     if is_all:
         others = find_daemons_of_others()
         answers += _stop_each(None, None, others.daemons)
-    if not answers:
+    if not answers and not others.not_asked:
         raise DaemonGone("any socket that this user may reach", "no daemon answers", _ELSEWHERE)
-    all_good = all(stopped.error is None for stopped in answers)
+    all_good = not others.not_asked and all(stopped.error is None for stopped in answers)
     if args.json:
         said = {"ok": all_good, "daemons": answers, "not_asked": others.not_asked}
         print(msgspec.json.encode(said).decode())
     else:
-        print("\n".join(lines_of(answers)))
+        for line in lines_of(answers):
+            print(line)
         for sentence in others.not_asked:
-            print(shown(sentence), file=sys.stderr)
+            print(f"NOT STOPPED: {shown(sentence)}", file=sys.stderr)
     if all_good:
         return 0
-    return 1 if all(stopped.is_there for stopped in answers) else 3
+    is_told = not others.not_asked and all(stopped.is_there for stopped in answers)
+    return 1 if is_told else 3
 
 
 def _stop_each(
@@ -131,10 +133,7 @@ def _stop(host: str | None, there: str | None, daemon: RunningDaemon) -> Stopped
     """`host`: where it is, with its address `there` if its name does not say that; None: here."""
     address = daemon.address if host is None else there
     try:
-        with Display(
-            daemon.name, host=host, address=address, client="etd stop", timeout_s=_TIMEOUT_S
-        ) as display:
-            display.stop()
+        stop_at(daemon.name, host=host, address=address, client="etd stop", timeout_s=_TIMEOUT_S)
     except EtdError as error:
         is_there = status_of(error) != NOT_THERE
         return Stopped(

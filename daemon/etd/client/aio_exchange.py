@@ -16,6 +16,7 @@ import zmq.asyncio
 
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
+from etd.client.exchange import settled
 from etd.client.session import KEEP_S, Ask, Flow, Session
 from etd.client.way import Way, silent
 from etd.protocol.errors import DaemonGone, EtdError, Refused
@@ -100,7 +101,7 @@ class AsyncExchange:
             while await self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
                 parts: list[Any] = await socket.recv_multipart()
                 got_ns = clock.now_ns()
-                reply = self._session.settle(ask, parts[-1])
+                reply = settled(self._session, self._way, ask, parts[-1])
                 if reply is not None:
                     self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                     return reply

@@ -15,12 +15,22 @@ import zmq
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
 from etd.client.drive import drive
-from etd.client.session import KEEP_S, Ask, Flow, Session
-from etd.client.way import Way, silent
+from etd.client.session import KEEP_S, UNREADABLE, Ask, Flow, Session
+from etd.client.way import Way, silent, unreadable
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
 R = TypeVar("R")
+
+
+def settled(session: Session, way: Way, ask: Ask, data: bytes) -> Success | None:
+    """The reply to `ask`; None if it answers another. Raises: Refused; DaemonGone for what is no
+    reply: a socket may be anybody's.
+    """
+    try:
+        return session.settle(ask, data)
+    except UNREADABLE as error:
+        raise unreadable(way, ask.op, error) from None
 
 
 class Exchange:
@@ -76,7 +86,7 @@ class Exchange:
             while self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
                 data = socket.recv_multipart()[-1]
                 got_ns = clock.now_ns()
-                reply = self._session.settle(ask, data)
+                reply = settled(self._session, self._way, ask, data)
                 if reply is not None:
                     self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                     return reply

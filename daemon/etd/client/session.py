@@ -81,6 +81,9 @@ class _Envelope(msgspec.Struct):
     ok: bool = False
 
 
+#: What decoding can raise for bytes that are no reply.
+UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
 _envelope_decoder = msgspec.json.Decoder(_Envelope)
 _failure_decoder = msgspec.json.Decoder(Failure)
 #: Made while this module is imported, by one thread: two that are the first to decode into the same
@@ -298,7 +301,10 @@ class Session:
         yield self._ask("note", {"text": text})
 
     def settle(self, ask: Ask, data: bytes) -> Success | None:
-        """The reply to `ask`; None if it answers another. Raises: Refused, as the daemon says."""
+        """The reply to `ask`; None if it answers another.
+
+        Raises: Refused, as the daemon says; UNREADABLE.
+        """
         envelope = _envelope_decoder.decode(data)
         if envelope.id != ask.id:
             return None

@@ -84,3 +84,12 @@ def silent(way: Way, what: str) -> DaemonGone:
     except DaemonGone as gone:
         return DaemonGone(gone.address, f"{what}, and now {gone.what}", gone.advice)
     return DaemonGone(way.place, what, HELD_UP)
+
+
+def unreadable(way: Way, op: str, error: Exception) -> DaemonGone:
+    """Of what answered there, and does not speak as a daemon does."""
+    return DaemonGone(
+        way.place,
+        f"the answer to {op} is no daemon's ({error})",
+        "see what listens there: another program, or an etd of another version",
+    )

@@ -186,7 +186,7 @@ def _check_no_tcp(config: EtdConfig, source: str) -> None:
             "tcp",
             f"it says {config.tcp!r}",
             "leave it out: this version has no keys, and without them nobody is let in over a"
-            " network; use the Unix sockets",
+            " network; use the Unix sockets, from another computer over ssh (`--host USER@HOST`)",
         )
 
 

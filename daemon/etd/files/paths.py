@@ -13,6 +13,7 @@ and $XDG_STATE_HOME/etd/NAME (or ~/.local/state/etd/NAME). Calibrations are in t
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import socket
@@ -53,7 +54,7 @@ class RunningDaemon(NamedTuple):
 
 
 class OthersDaemons(NamedTuple):
-    """Of other users: those to ask, and a sentence for each folder that has more."""
+    """Of other users: those to ask, and a sentence for each user who has more."""
 
     daemons: tuple[RunningDaemon, ...] = ()
     not_asked: tuple[str, ...] = ()
@@ -144,26 +145,46 @@ def sibling_address(control: str, socket_name: str) -> str:
 
 def find_daemons() -> list[RunningDaemon]:
     """The daemons of the system and of this user that answer on this machine, in this order."""
-    return [daemon for parent in _own_parents() for daemon in _answering(_sockets_in(parent))]
+    return [
+        _daemon_at(control)
+        for parent in _own_parents()
+        for control in _answering(_sockets_in(parent))
+    ]
 
 
 def find_daemons_of_others() -> OthersDaemons:
-    """Those of other users, for root; a few of each. Any user can make any number of sockets, and
-    each takes a connection, and a second if nobody answers there.
+    """Those of other users, for root: of each user the first one before the second of any, and a
+    few of each. Any user can make any number of sockets, and each takes a connection, and a second
+    if nobody answers there.
     """
     if not hasattr(os, "geteuid") or os.geteuid() != 0:
         return OthersDaemons()
-    daemons: list[RunningDaemon] = []
-    not_asked: list[str] = []
-    for parent in _others_parents():
-        sockets = _sockets_in(parent)
-        answering = _answering(sockets[:_MOST_LOOKED_AT])
-        most = min(MOST_OF_A_USER, MOST_OF_OTHERS - len(daemons))
-        daemons += answering[:most]
-        more = len(answering[most:]) + len(sockets[_MOST_LOOKED_AT:])
-        if more:
-            not_asked.append(f"{more} more sockets in {parent} were not asked")
-    return OthersDaemons(tuple(daemons), tuple(not_asked))
+    answering, not_looked_at = {}, {}
+    for uid, sockets in _others_sockets().items():
+        answering[uid] = _answering(sockets[:_MOST_LOOKED_AT])
+        not_looked_at[uid] = sockets[_MOST_LOOKED_AT:]
+    in_turn = [
+        control
+        for ones in itertools.zip_longest(*(each[:MOST_OF_A_USER] for each in answering.values()))
+        for control in ones
+        if control is not None
+    ]
+    asked = in_turn[:MOST_OF_OTHERS]
+    not_asked = [
+        _not_asked(uid, [*(one for one in each if one not in asked), *not_looked_at[uid]])
+        for uid, each in answering.items()
+    ]
+    return OthersDaemons(tuple(map(_daemon_at, asked)), tuple(filter(None, not_asked)))
+
+
+def _not_asked(uid: int, sockets: list[Path]) -> str:
+    """A sentence, or nothing if there are none."""
+    if not sockets:
+        return ""
+    return (
+        f"sockets of the user {uid} that were not asked: {len(sockets)}; ask each with"
+        f" `etd stop --folder {sockets[0].parent}` (the first of them)"
+    )
 
 
 def _own_parents() -> list[Path]:
@@ -183,6 +204,16 @@ def _others_parents() -> list[Path]:
     return sorted(set(parents) - set(_own_parents()))
 
 
+def _others_sockets() -> dict[int, list[Path]]:
+    """By who made the folder that they are in, whatever that is called."""
+    found: dict[int, list[Path]] = {}
+    for parent in _others_parents():
+        owner = _owner_of(parent)
+        if owner is not None:
+            found.setdefault(owner, []).extend(_sockets_in(parent))
+    return found
+
+
 def _sockets_in(parent: Path) -> list[Path]:
     """Of folders that a daemon could have, by their names."""
     return [
@@ -192,18 +223,17 @@ def _sockets_in(parent: Path) -> list[Path]:
     ]
 
 
-def _answering(sockets: list[Path]) -> list[RunningDaemon]:
-    return [
-        RunningDaemon(control.parent.name, address_of(control.parent))
-        for control in sockets
-        if why_unreachable(control) is None
-    ]
+def _answering(sockets: list[Path]) -> list[Path]:
+    return [control for control in sockets if why_unreachable(control) is None]
+
+
+def _daemon_at(control: Path) -> RunningDaemon:
+    return RunningDaemon(control.parent.name, address_of(control.parent))
 
 
 def _is_its_users(folder: Path) -> bool:
-    """Whether `etd-UID` is that user's."""
-    uid = folder.name.removeprefix("etd-")
-    return uid.isdecimal() and _owner_of(folder) == int(uid)
+    """Whether `etd-UID` is that user's, by the one name that a daemon of that user gives it."""
+    return folder.name == f"etd-{_owner_of(folder)}"
 
 
 def _is_anothers(folder: Path) -> bool:

@@ -10,10 +10,12 @@ import socket
 import struct
 from collections import deque
 
+from etd.gateway.turns import Sender
 from etd.gateway.zmtp import Parts, Reader, Violation, opening
 
-#: Read at once. With the longest message, half received, all that is stored of what was sent.
-_CHUNK_BYTES = 16_384
+#: Read in one turn: a long message takes some. With the longest message, half received, all that is
+#: stored of what was sent.
+_CHUNK_BYTES = 4_096
 #: Not sent yet. A single message may be longer; a second one then has to wait.
 _MOST_UNREAD_BYTES = 131_072
 #: What a message takes beside its own bytes: else short ones would take ten times the bound.
@@ -40,6 +42,8 @@ class Connection:
         self._is_deaf = False
         #: The other end broke the protocol or a bound, and was closed for that.
         self.is_broken_off = False
+        #: There was no place for it: it is heard only to stop.
+        self.is_guest = False
         #: Telemetry: the beginnings of topics that it wants.
         self.topics: set[bytes] = set()
         #: And how often it asked for one that there is not.
@@ -47,12 +51,19 @@ class Connection:
         #: The events that epoll watches it for.
         self.watched = 0
         packed = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        self.pid, self.uid, _ = _CREDENTIALS.unpack(packed)
+        pid, uid, _ = _CREDENTIALS.unpack(packed)
+        self.sender = Sender(uid, pid)
+        self.uid = uid
         self.send(opening(kind))
 
     @property
     def is_ready(self) -> bool:
         return self._reader.is_ready
+
+    @property
+    def stored_bytes(self) -> int:
+        """Sent by it, received, and not taken."""
+        return self._reader.stored_bytes
 
     @property
     def has_unread(self) -> bool:
@@ -81,22 +92,27 @@ class Connection:
 
     def take(self) -> Parts | None:
         """The next message; `()` for what was none but took a while; None if nothing is there."""
+        was_ready = self.is_ready
         try:
-            taken = self._reader.take()
-            # A few turns at most: what is longer than a message is a violation.
-            while taken is None and self._receive():
+            taken, may_go_on = self._reader.take(), True
+            if taken is None:
+                may_go_on = self._receive()
                 taken = self._reader.take()
+            if taken is not None and not was_ready:
+                # The end of the handshake: a stop that came with it waits for no other turn.
+                taken, may_go_on = self._reader.take(), True
         except Violation:
             self.break_off()
             return None
         if taken is None:
-            return None
+            return () if may_go_on else None
         parts, answer = taken
         if answer and not self.send(answer):
             self.break_off()
         return parts or ()
 
     def _receive(self) -> bool:
+        """Whether there may be more."""
         try:
             data = self._socket.recv(_CHUNK_BYTES)
         except BlockingIOError:
@@ -108,7 +124,7 @@ class Connection:
             return False
         self.has_spoken = True
         self._reader.feed(data)
-        return True
+        return len(data) == _CHUNK_BYTES
 
     def send(self, message: bytes) -> bool:
         """Whole, now or later. False: the client has left, or does not read what it was sent."""

@@ -1,7 +1,7 @@
 """A Unix socket that clients connect to, and all that are connected.
 
-Owns: how many may be, who gives way when there is no room, in which turn they are read, and the
-counts of those that ended. Must not know: what a message means.
+Owns: in which turn they are read, and the counts of those that ended or were not let in.
+Must not know: who is let in, what a message means.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from etd.gateway import places
 from etd.gateway.connection import Connection
 from etd.gateway.turns import Turns
 from etd.gateway.zmtp import Parts, message
 
-#: On each of three sockets: far below a process's usual limit of 1 024 descriptors.
-MOST_CONNECTIONS = 80
 #: Accepted in one turn: few, so that a newcomer has some turns to say something.
 _ACCEPTS_A_TURN = 16
 #: Those that wait to be accepted, in the kernel.
@@ -36,11 +35,14 @@ class Listener:
         kind: bytes,
         most_bytes: int,
         epoll: select.epoll,
+        most_guests: int = 0,
     ) -> None:
+        """`most_guests`: so many are let in without a place; who reads them heeds `is_guest`."""
         self._path = path
         self._kind = kind
         self._most_bytes = most_bytes
         self._epoll = epoll
+        self._most_guests = most_guests
         #: By descriptor; a dict, so the oldest come first.
         self._connections: dict[int, Connection] = {}
         self._by_number: dict[int, Connection] = {}
@@ -95,23 +97,34 @@ class Listener:
             connection.flush()
             self._watch(fileno, connection)
         if events & ~select.EPOLLOUT:
-            self._readable.add(connection.pid, connection)
+            self._readable.add(connection.sender, connection)
+
+    def take_each(self, may: Callable[[Connection], bool]) -> Iterator[tuple[Connection, Parts]]:
+        """Messages that are there, one of each connection that may; none loses its turn by it."""
+        for connection in list(filter(may, self._readable)):
+            yield from self._taken(connection)
 
     def take(self, most: int) -> Iterator[tuple[Connection, Parts]]:
-        """Messages that are there, at most so many: one of each process before the next of any,
-        and of a process one of each connection.
+        """Messages that are there, at most so many: one of each user before the next of any, of a
+        user one of each process, and of a process one of each connection.
         """
         for _ in range(most):
             connection = self._readable.take()
             if connection is None:
                 return
-            fileno = connection.fileno()
-            parts = connection.take()
-            if parts is not None:
-                self._readable.add(connection.pid, connection)
-            self._watch(fileno, connection)
-            if parts:
-                yield connection, parts
+            yield from self._taken(connection)
+
+    def _taken(self, connection: Connection) -> Iterator[tuple[Connection, Parts]]:
+        """The next message, if it is whole."""
+        fileno = connection.fileno()
+        parts = connection.take()
+        if parts is None:
+            self._readable.discard(connection.sender, connection)
+        else:
+            self._readable.add(connection.sender, connection)
+        self._watch(fileno, connection)
+        if parts:
+            yield connection, parts
 
     def reply(self, number: int, parts: tuple[bytes, ...]) -> bool:
         """False: that client has left, or does not read."""
@@ -130,6 +143,14 @@ class Listener:
         connection.break_off()
         self._watch(fileno, connection)
 
+    def turn_away(self, victim: Connection) -> None:
+        """It had to give way, or was let in for something else than it asks for."""
+        if victim.is_open:
+            self._counts[f"{self._name}_turned_away"] += 1
+            fileno = victim.fileno()
+            victim.close()
+            self._forget(fileno, victim)
+
     def _watch(self, fileno: int, connection: Connection) -> None:
         """After anything that may have closed it, or left something unread."""
         if connection.is_open:
@@ -137,12 +158,8 @@ class Listener:
             if connection.watched != wanted:
                 connection.watched = wanted
                 self._epoll.modify(fileno, wanted)
-        elif self._connections.pop(fileno, None) is not None:
-            del self._by_number[connection.number]
-            self._readable.discard(connection.pid, connection)
-            self._counts[f"{self._name}_disconnects"] += 1
-            if connection.is_broken_off:
-                self._counts[f"{self._name}_broken_off"] += 1
+        elif self._forget(fileno, connection):
+            places.seat_a_guest(list(self._connections.values()))
 
     def _accept(self) -> None:
         for _ in range(_ACCEPTS_A_TURN):
@@ -154,10 +171,14 @@ class Listener:
                 # No descriptor is left: one of these gives way.
                 held = list(self._connections.values())
                 if held:
-                    self._turn_away(_silent_one(held) or held[-1])
+                    self.turn_away(places.silent_one(held) or held[-1])
                 return
             made = Connection(accepted, self._kind, self._most_bytes, next(self._numbers))
-            if len(self._connections) < MOST_CONNECTIONS or self._make_room(made):
+            verdict = places.let_in(made, list(self._connections.values()), self._most_guests)
+            if verdict.leaving is not None:
+                self.turn_away(verdict.leaving)
+            if verdict.is_let_in:
+                made.is_guest = verdict.is_guest
                 self._admit(made)
             else:
                 made.close()
@@ -170,49 +191,18 @@ class Listener:
         self._connections[fileno] = self._by_number[made.number] = made
         made.watched = select.EPOLLIN | (select.EPOLLOUT if made.has_unread else 0)
         self._epoll.register(fileno, made.watched)
-        self._readable.add(made.pid, made)
+        self._readable.add(made.sender, made)
 
-    def _make_room(self, newcomer: Connection) -> bool:
-        """The longest silent one gives way, of the process that has most first; none with unread
-        bytes, which may be a stop. Or else one of the user, or of the process, that has the most,
-        if it has more than the newcomer's. For a newcomer of the process that has most only a
-        silent one of its own does: else a process that connects again and again would end others
-        during their handshake.
-        """
-        held = list(self._connections.values())
-        of_process = Counter(made.pid for made in held)
-        heaviest = max(of_process.values())
-        if of_process[newcomer.pid] >= heaviest:
-            own = _silent_one([made for made in held if made.pid == newcomer.pid])
-            return own is not None and self._turn_away(own)
-        silent = _silent_one([made for made in held if of_process[made.pid] == heaviest])
-        silent = silent or _silent_one(held)
-        if silent is not None:
-            return self._turn_away(silent)
-        owner: Callable[[Connection], int]
-        for owner in (lambda made: made.uid, lambda made: made.pid):
-            counts = Counter(map(owner, held))
-            ((most_of, most),) = counts.most_common(1)
-            if most > counts[owner(newcomer)] + 1:
-                newest_first = reversed(held)
-                return self._turn_away(next(m for m in newest_first if owner(m) == most_of))
-        return False
-
-    def _turn_away(self, victim: Connection) -> bool:
-        self._counts[f"{self._name}_turned_away"] += 1
-        fileno = victim.fileno()
-        victim.close()
-        self._watch(fileno, victim)
+    def _forget(self, fileno: int, ended: Connection) -> bool:
+        """Whether it was one of these."""
+        if self._connections.pop(fileno, None) is None:
+            return False
+        del self._by_number[ended.number]
+        self._readable.discard(ended.sender, ended)
+        self._counts[f"{self._name}_disconnects"] += 1
+        if ended.is_broken_off:
+            self._counts[f"{self._name}_broken_off"] += 1
         return True
-
-
-def _silent_one(held: list[Connection]) -> Connection | None:
-    """The oldest that never sent a byte, or else the oldest that never completed its handshake;
-    none with bytes that were not read yet.
-    """
-    unready = [made for made in held if not made.is_ready]
-    unspoken = (made for made in unready if not made.has_spoken)
-    return next((made for made in (*unspoken, *unready) if not made.has_sent_more()), None)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from etd.files.paths import CONTROL, FRAMES, TELEMETRY
 from etd.gateway.listener import Listener
+from etd.gateway.places import MOST_GUESTS
 from etd.gateway.subscribers import MAX_SUBSCRIPTION_BYTES, Subscribers
 from etd.protocol.facts import Endpoints
 from etd.protocol.messages import MAX_MESSAGE_BYTES
@@ -24,7 +25,7 @@ class Sockets:
         self._epoll = select.epoll()
         self._listeners: list[Listener] = []
         try:
-            self.control = self._bound(b"ROUTER", CONTROL, MAX_MESSAGE_BYTES)
+            self.control = self._bound(b"ROUTER", CONTROL, MAX_MESSAGE_BYTES, MOST_GUESTS)
             self.frames = self._bound(b"PULL", FRAMES, MAX_MESSAGE_BYTES)
             self.telemetry = Subscribers(self._bound(b"XPUB", TELEMETRY, MAX_SUBSCRIPTION_BYTES))
         except BaseException:
@@ -65,7 +66,7 @@ class Sockets:
             listener.close()
         self._epoll.close()
 
-    def _bound(self, kind: bytes, name: str, most_bytes: int) -> Listener:
-        listener = Listener(self._folder / name, kind, most_bytes, self._epoll)
+    def _bound(self, kind: bytes, name: str, most_bytes: int, most_guests: int = 0) -> Listener:
+        listener = Listener(self._folder / name, kind, most_bytes, self._epoll, most_guests)
         self._listeners.append(listener)
         return listener

@@ -12,14 +12,16 @@ from collections import Counter
 from collections.abc import Callable
 
 from etd.gateway.frames import FrameHandler
-from etd.gateway.inbound import inbound_of, read_frame, without_frames
+from etd.gateway.inbound import InboundMessage, inbound_of, read_frame, without_frames
 from etd.gateway.lease import StandingLease
 from etd.gateway.listener import Listener
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameRequest
 
-#: At most this many are read in one turn; the kernel keeps the rest, bounded.
+#: At most this many are read in one turn; the kernel keeps the rest, bounded. Nobody looks for a
+#: stop meanwhile: once so much is decoded, the turn ends. A single frame can take 6 ms.
 FRAMES_A_TURN = 64
+BYTES_A_TURN = 16_384
 
 Refusals = list[tuple[int | None, Refused]]
 
@@ -44,16 +46,15 @@ class Streams:
         """Pass the newest on; returns those that were refused, with their seq if it was read."""
         refusals: Refusals = []
         newest: tuple[FrameRequest, StandingLease] | None = None
+        left_bytes = BYTES_A_TURN
         for connection, parts in self._listener.take(FRAMES_A_TURN):
-            inbound, seq = inbound_of(connection, parts), None
-            try:
-                frame = read_frame(inbound)
-                seq = frame.seq
-                lease = self._handler.check(frame, inbound.uid)
-            except Refused as refusal:
-                refusals.append((seq, without_frames(refusal)))
-                continue
-            newest = self._newer(newest, (frame, lease))
+            inbound = inbound_of(connection, parts)
+            passed = self._checked(inbound, refusals)
+            if passed is not None:
+                newest = self._newer(newest, passed)
+            left_bytes -= len(inbound.data)
+            if left_bytes <= 0:
+                break
         if newest is not None:
             try:
                 self._handler.pass_on(*newest, ref=0)
@@ -63,6 +64,19 @@ class Streams:
                 self._passed_on(newest[0], newest[1].uid)
         self._counters.update(f"refused_{why.code}" for _, why in refusals)
         return refusals
+
+    def _checked(
+        self, inbound: InboundMessage, refusals: Refusals
+    ) -> tuple[FrameRequest, StandingLease] | None:
+        """None: it was added to these refusals."""
+        seq = None
+        try:
+            frame = read_frame(inbound)
+            seq = frame.seq
+            return frame, self._handler.check(frame, inbound.uid)
+        except Refused as refusal:
+            refusals.append((seq, without_frames(refusal)))
+            return None
 
     def _newer(
         self,

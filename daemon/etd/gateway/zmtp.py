@@ -71,6 +71,11 @@ class Reader:
         #: The handshake is complete.
         self.is_ready = False
 
+    @property
+    def stored_bytes(self) -> int:
+        """What was fed and not taken."""
+        return len(self._fed) + self._parts_bytes
+
     def feed(self, data: bytes) -> None:
         self._fed += data
 

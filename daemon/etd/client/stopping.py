@@ -1,0 +1,37 @@
+"""Stop a daemon, and ask it nothing before.
+
+Owns: the one request that needs no facts. Must not know: leases, how a daemon stops.
+
+A `Display` greets the daemon when it is made. A greeting waits among the requests of others, and a
+daemon that has no place for one more client hears a stop, and nothing else.
+"""
+
+from __future__ import annotations
+
+import zmq
+
+from etd.client.connection import way_to
+from etd.client.exchange import Exchange
+from etd.client.session import Session
+
+
+def stop_at(
+    name: str, *, host: str | None, address: str | None, client: str, timeout_s: float
+) -> None:
+    """Arguments as a `Display` has them. Raises: DaemonGone, Refused."""
+    way = way_to(name, host, address)
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    try:
+        way.check_there()
+        session = Session(
+            client,
+            calibration=None,
+            digest=None,
+            max_current_ua=None,
+            width_us=None,
+            timeout_s=timeout_s,
+        )
+        Exchange(context, way, session).run(session.stop())
+    finally:
+        context.destroy(linger=0)
+        way.close()
