@@ -127,7 +127,7 @@ class FitSession:
         course.run(self._progress.electrodes)
         for electrode in self._fitting.take(of_state):
             why = course.left.get(electrode, "no threshold up to its cap")
-            self._say(f"electrode {electrode} is left out: {why}")
+            self._say(f"electrode {electrode} has no threshold in this state: {why}")
         save_fit(self._file, self._progress)
         self._say(f"{state.name}: done, {len(STATES) - self._progress.states} states to come")
 
