@@ -1,7 +1,7 @@
 """A skin that is brought from one state into the next: dry, breathed on, dry again, pressed, dry.
 
 Owns: what each state does to contacts, and when a finger that is left in peace comes into the next
-one. Must not know: circuits, nerves, clocks, why anybody wants such states.
+one. Must not know: boards, clocks, why anybody wants such states.
 
 All figures are [design]: a breath makes three times as much of what conducts, each electrode to an
 extent of its own; a firmer finger has a quarter more of area.
@@ -14,12 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etd_body.course import STILL, Course, SkinNow
+from etd_body.course import LYING, STILL, Course, Script, SkinNow
+from etd_body.interface import Sides
+from etd_body.living import LivingBody
+from etd_body.nerve import NerveSpread
+from etd_body.shifts import UNSHIFTED, FeelingFigures
+from etd_body.skin import SkinFigures
 
 #: How differently a breath reaches the electrodes.
 _BREATH_SIGMA = 0.2
 #: Who is not stimulated for so long breathes on the array, or wipes it.
-LEFT_IN_PEACE_S = 15.0
+SILENCE_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,20 +59,45 @@ class StatedCourse(Course):
         return SkinNow(np.full(len(gain), self.state.area), wetness, gain)
 
 
-class BreathingCourse(StatedCourse):
-    """The next state comes after each `LEFT_IN_PEACE_S` in which nobody looked at the skin, as
-    happens when a pulse begins; the last one stays. So, other than any course, it must be asked in
-    the order of time.
+class BreathingBody(LivingBody):
+    """A finger that comes into the next state whenever it was not stimulated for `SILENCE_S`; the
+    last one stays. Nothing else changes its skin, whatever its `script`.
     """
 
-    def __init__(self, positions_mm: Sequence[tuple[float, float]], *, seed: int) -> None:
-        super().__init__(positions_mm, seed=seed)
-        self._last_s = 0.0
+    def __init__(
+        self,
+        positions_mm: Sequence[tuple[float, float]],
+        *,
+        leak_ohm: float,
+        compliance_v: float,
+        seed: int,
+        script: Script = LYING,
+        figures: SkinFigures = SkinFigures(),  # noqa: B008 - frozen
+        spread: NerveSpread = NerveSpread(),  # noqa: B008 - frozen
+        feeling: FeelingFigures = UNSHIFTED,
+    ) -> None:
+        super().__init__(
+            positions_mm,
+            leak_ohm=leak_ohm,
+            compliance_v=compliance_v,
+            seed=seed,
+            script=script,
+            figures=figures,
+            spread=spread,
+            feeling=feeling,
+        )
+        self._stated = StatedCourse(positions_mm, seed=seed)
+        self.skin.course = self._stated
+        self.skin.refresh(0.0)
+        self._use_skin()
+        self._stimulated_ns: int | None = None
         self._done = 0
 
-    def at(self, t_s: float) -> SkinNow:
-        if t_s - self._last_s >= LEFT_IN_PEACE_S:
-            self._done = min(self._done + 1, len(STATES) - 1)
-            self.state = STATES[self._done]
-        self._last_s = t_s
-        return super().at(t_s)
+    def drive(self, t_ns: int, source_ua: float, sides: Sides) -> None:
+        if source_ua > 0.0 and self._ways.of(sides).direction:
+            since_ns = t_ns if self._stimulated_ns is None else self._stimulated_ns
+            if t_ns - since_ns >= SILENCE_S * 1e9:
+                self._done = min(self._done + 1, len(STATES) - 1)
+                self._stated.state = STATES[self._done]
+            self._stimulated_ns = t_ns
+        super().drive(t_ns, source_ua, sides)

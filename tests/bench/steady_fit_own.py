@@ -108,8 +108,12 @@ class _Finger:
 
 
 @cache
-def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
-    """What is stored in the calibration of this finger; in words, why nothing is fitted."""
+def own_fit(
+    kind: BodyKind, seed: int, electrodes: int, limit_ua: int = int(MOST_CAP_UA)
+) -> FittedExponent | str:
+    """What is stored in the calibration of this finger; in words, why nothing is fitted. Nothing
+    above `limit_ua` is presented.
+    """
     loaded = fake_config(electrodes=electrodes)
     made = calibrated(seed, loaded.board, loaded.array, kind)
     body = body_of(seed, loaded.board, loaded.array, kind)
@@ -126,7 +130,7 @@ def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
         rate_hz=RATE_HZ,
         returns=made.returns,
         pulses=5,
-        cap_ua=int(MOST_CAP_UA),
+        cap_ua=limit_ua,
     )
     progress = FitProgress(
         conditions=conditions,

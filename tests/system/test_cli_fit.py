@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 import signal
+import statistics
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -149,3 +150,42 @@ def test_after_a_lease_that_lapsed_it_is_said_what_is_kept(rig: CommandRig) -> N
             at.close()
         assert said.status == 1
         assert "states that are over: 0: the same command continues" in said.err
+
+
+def test_a_simulated_person_answers_in_the_first_state_without_a_key(rig: CommandRig) -> None:
+    at = rig.start(*FIT, *ON_FAKE, "--answers", "simulated", "--trials", "fit.tsv")
+    trials = rig.folder / "fit.tsv"
+    at.line_with("state 1 of 5, dry", "stdout")
+    while not (trials.exists() and len(trials.read_text().splitlines()) > 2):
+        assert at.process.poll() is None
+        rig.run("status")
+    at.process.send_signal(signal.SIGINT)
+    said = at.ended()
+    assert said.status == 130, said.err
+    assert "states that are over: 0: the same command continues" in said.err
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (("run", "--board", "fake", "--finger", "dry"), "no finger 'dry': one of area, indiff"),
+        (("calibrate", "P01", *LIMIT, "--finger", "area"), "--finger, --timeout-factor and"),
+        (("run", "--board", "fake", "--board-socket", "x", "--breathing"), "only conducts"),
+    ],
+)
+def test_a_finger_that_cannot_be_is_refused_with_what_can(
+    rig: CommandRig, asked: tuple[str, ...], why: str
+) -> None:
+    told = rig.run(*asked)
+    assert told.status == 2
+    assert why in told.err
+
+
+def test_a_daemon_has_the_finger_that_was_named(rig: CommandRig) -> None:
+    """What is measured says which: this one bends early, and resists less at no current too."""
+    seen = []
+    for finger in ((), ("--finger", "bent:3"), ("--finger", "bent:3")):
+        with rig.daemon("--array", "pad-8", *finger):
+            seen.append(statistics.median(rig.run("measure", "--json").answer["resistance_ohm"]))
+    assert seen[1] == pytest.approx(seen[2], rel=0.1)
+    assert abs(math.log(seen[0] / seen[1])) > 0.2
