@@ -131,8 +131,8 @@ instructions: $(if $(findstring --arm,$(ARGS)),compiled-arm,compiled) ## The eng
 wall: $(VENV)/ready-dev ## The engine beside a hog, on wall-clock ports: it must not halt (SECONDS=900; ARGS=--threads: it must wait for the lock)
 	$(BIN)/python tests/bench/wall_scene.py --seconds $(or $(SECONDS),120) $(ARGS)
 
-bench-fit: $(VENV)/ready-dev ## Who gets an exponent k by `etd calibrate --fit`: 200 modelled persons with one, 200 without
-	$(BIN)/python tests/bench/fit.py $(ARGS)
+bench-fit: $(VENV)/ready-dev ## Who gets an exponent k by `etd calibrate --fit`: 200 persons with one and without, and fingers of three kinds (ARGS='--of area --fingers 10')
+	$(call timed,$(BIN)/python tests/bench/fit.py $(ARGS))
 
 bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and whole modelled bodies, by each method (minutes)
 	$(BIN)/python tests/bench/calibrate_persons.py

@@ -78,6 +78,7 @@ class SteppedDaemon:
         stabilize: Settings = NO_STABILIZERS,
         *,
         is_traced: bool = False,
+        body: type[LivingBody] = LivingBody,
     ) -> None:
         self.loaded = loaded = _loaded(array, stabilize)
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
@@ -85,7 +86,7 @@ class SteppedDaemon:
         self.clock = SteppedClock()
         positions_mm = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
         source, sink = loaded.board.source, io.BytesIO()
-        self.body = LivingBody(
+        self.body = body(
             positions_mm,
             leak_ohm=source.leak_ohm,
             compliance_v=source.compliance_v,

@@ -166,13 +166,14 @@ def living(
     doing: Script = LYING,
     ranges: BodyRanges = RANGES,
     adapts_faster: float = 1.0,
+    body: type[LivingBody] = LivingBody,
 ) -> LivingBody:
-    """A `LivingBody` of this kind, of the finger of this seed. `adapts_faster`: where minutes are
+    """A `body` of this kind, of the finger of this seed. `adapts_faster`: where minutes are
     played in seconds, so many times as fast use changes what it feels.
     """
     figures = drawn(kind, seed, doing=doing, ranges=ranges)
     tau_s = figures.feeling.adapting_tau_s / adapts_faster
-    return LivingBody(
+    return body(
         positions_mm,
         leak_ohm=leak_ohm,
         compliance_v=compliance_v,

@@ -21,6 +21,7 @@ from etd_hal.chips import ad5452, ad7276
 from etd_hal.chips.codec import Codec
 from etd_hal.errors import BusError
 from etd_hal.linesetup import line_setup, spi_setup
+from etd_hal.modelled_fingers import OWN, Finger
 from etd_hal.ports import Gpio, I2c, Message, Spi
 from etd_hal.unwired import NoMarker
 from etd_hal.wakeups import NotingClock
@@ -135,11 +136,13 @@ def open_fake(
     sensors: Sequence[SensorUnderArray] = (),
     timeout_factor: int = 1,
     machine: str | None = None,
+    finger: Finger = OWN,
 ) -> Backend:
     """A fake board with a fingertip on it, in this process or behind a board process's socket.
 
     With `positions_mm`, an (x, y) for each electrode, the fingertip is modelled: it changes, and
-    reports what it feels (`Backend.modelled`). Without, and in a board process, it only conducts.
+    reports what it feels (`Backend.modelled`); `finger` says which it is. Without, and in a board
+    process, it only conducts.
     `stepped` time passes only by being spent or slept, in one thread and without sockets; otherwise
     it follows the real clock. A board process writes its own trace. `timeout_factor` lengthens a
     frame's ttl, the lease and the gateway's silence, for a busy machine. `sensors` under the array
@@ -169,7 +172,9 @@ def open_fake(
             if stepped
             else LiveClock(LinuxClock(), live, late_ns)
         )
-        backend = _open_in_process(board, electrodes, positions_mm, trace, clock, sensors, model)
+        backend = _open_in_process(
+            board, electrodes, positions_mm, trace, clock, sensors, model, finger
+        )
     if machine is not None:
         fact = f"modelled: {machine}, on which computing takes {model.slowness:g} times as long"
         backend = dataclasses.replace(backend, facts=(fact,))
@@ -258,6 +263,7 @@ def _open_in_process(
     clock: BoardClock,
     sensors: Sequence[SensorUnderArray],
     machine: MachineModel,
+    finger: Finger,
 ) -> Backend:
     from etd_hal.fake.board import FakeBoard
     from etd_hal.fake.fingertip import fingertip_body, living_fingertip
@@ -265,7 +271,7 @@ def _open_in_process(
     from etd_hal.fake.pressure_sensors import lying
     from etd_hal.fake.trace import Trace
 
-    living = None if positions_mm is None else living_fingertip(board, positions_mm)
+    living = None if positions_mm is None else living_fingertip(board, positions_mm, finger)
     fake = FakeBoard(
         board,
         clock,

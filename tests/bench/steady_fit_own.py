@@ -1,12 +1,12 @@
 """The k of a modelled finger's own: what `etd calibrate --fit` would find on it, or why nothing.
 
-Owns: the states that the finger's skin is brought into, and a person who answers by what this body
-feels. The procedure, the fit and its refusals are the daemon's own. Must not know: engines, laws,
-what becomes of the k.
+Owns: bringing the finger's skin into the states, a person who answers by what this body feels, and
+what k is true of it. The procedure, the fit and its refusals are the daemon's own. Must not know:
+engines, laws, what becomes of the k.
 
-The states are those of `etd.calibrate.fitting`: sweat and pressing as a breath and a firmer finger
-make them [design], each electrode to an extent of its own. What that does to a threshold is the
-kind's; use raises it where the kind adapts. The person is the simulated one, who errs a little.
+The states are those of `etd.calibrate.fitting`, as `etd_body.states` has them. What they do to a
+threshold is the kind's; use raises it where the kind adapts. The person is the simulated one, who
+errs a little.
 
     python tests/bench/steady_fit_own.py [--seeds 901 902]      prints the k of all bodies
 """
@@ -15,11 +15,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from math import exp
 from pathlib import Path
-from typing import NamedTuple
 
 # Run as a script, from a clone: the benchmark and the test rigs stand beside one another.
 _TESTS = Path(__file__).resolve().parents[1]
@@ -30,61 +29,29 @@ import numpy as np  # noqa: E402
 from bench.steady_skin import MOST_CAP_UA, RATE_HZ, WIDTH_US, body_of, calibrated, seen_ohm  # noqa: E402
 from etd.calibrate.conditions import Conditions  # noqa: E402
 from etd.calibrate.exponent import NoFit  # noqa: E402
-from etd.calibrate.fitting import STATES, FitProgress, Fitting, electrodes_to_ask  # noqa: E402
+from etd.calibrate.fitting import FitProgress, Fitting, electrodes_to_ask  # noqa: E402
 from etd.calibrate.person import Felt, SimulatedPerson  # noqa: E402
 from etd.calibrate.stimulator import Delivered  # noqa: E402
 from etd.files.configuration import fake_config  # noqa: E402
 from etd.protocol.exponent import FittedExponent  # noqa: E402
-from etd_body.course import STILL, Course, SkinNow  # noqa: E402
+from etd.pulse.measured import BEND_UA  # noqa: E402
+from etd_body import states  # noqa: E402
 from etd_body.interface import Side  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 from etd_body.living import LivingBody  # noqa: E402
+from etd_body.states import SkinState, StatedCourse  # noqa: E402
 from fit_scenes import TODAY, ask_in_this_state  # noqa: E402
 
 #: From one presentation to the next, and from one state to the next.
 _EACH_S, _BETWEEN_S = 3.0, 120.0
 #: Of strength over current, as `etd_body.sensation` has it; and of one reading of a resistance.
 _STRENGTH_EXPONENT, _READING_SIGMA = 1.2, 0.02
-#: How differently a breath reaches the electrodes.
-_BREATH_SIGMA = 0.2
-
-
-class OwnState(NamedTuple):
-    """What sweat conducts, over dry, and the area of contact, over that at the usual pressure."""
-
-    sweat_gain: float
-    area: float
-
-
-#: In the order of `etd.calibrate.fitting.STATES`.
-OWN_STATES = (
-    OwnState(1.0, 1.0),
-    OwnState(3.0, 1.0),
-    OwnState(1.15, 1.0),
-    OwnState(1.9, 1.25),
-    OwnState(1.1, 1.0),
-)
-
-
-class _StatedCourse(Course):
-    """A skin that stays as the state has it."""
-
-    def __init__(self, positions_mm: list[tuple[float, float]], *, seed: int) -> None:
-        super().__init__(STILL, positions_mm, seed=seed)
-        random = np.random.default_rng([seed, 9])
-        self._reached = np.exp(random.normal(0.0, _BREATH_SIGMA, len(positions_mm)))
-        self.state = OWN_STATES[0]
-
-    def at(self, t_s: float) -> SkinNow:
-        gain = self.state.sweat_gain**self._reached
-        wetness = np.clip((gain - 1.0) / (OWN_STATES[1].sweat_gain - 1.0), 0.0, 1.0)
-        return SkinNow(np.full(len(gain), self.state.area), wetness, gain)
 
 
 class _Finger:
     """Implements `Presenter`: one pulse of the body stands for a presentation."""
 
-    def __init__(self, body: LivingBody, course: _StatedCourse, seed: int) -> None:
+    def __init__(self, body: LivingBody, course: StatedCourse, seed: int) -> None:
         self._body = body
         self._course = course
         self._random = np.random.default_rng([seed, 10])
@@ -94,7 +61,7 @@ class _Finger:
         body.skin.course = course
         body.look_at(0)
 
-    def begin(self, state: OwnState) -> None:
+    def begin(self, state: SkinState) -> None:
         self.now_s += _BETWEEN_S
         self._course.state = state
 
@@ -141,13 +108,17 @@ class _Finger:
 
 
 @cache
-def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
-    """What is stored in the calibration of this finger; in words, why nothing is fitted."""
+def own_fit(
+    kind: BodyKind, seed: int, electrodes: int, limit_ua: int = int(MOST_CAP_UA)
+) -> FittedExponent | str:
+    """What is stored in the calibration of this finger; in words, why nothing is fitted. Nothing
+    above `limit_ua` is presented.
+    """
     loaded = fake_config(electrodes=electrodes)
     made = calibrated(seed, loaded.board, loaded.array, kind)
     body = body_of(seed, loaded.board, loaded.array, kind)
     places = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
-    finger = _Finger(body, _StatedCourse(places, seed=seed), seed)
+    finger = _Finger(body, StatedCourse(places, seed=seed), seed)
     conditions = Conditions(
         participant=made.participant,
         method="staircase",
@@ -159,7 +130,7 @@ def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
         rate_hz=RATE_HZ,
         returns=made.returns,
         pulses=5,
-        cap_ua=int(MOST_CAP_UA),
+        cap_ua=limit_ua,
     )
     progress = FitProgress(
         conditions=conditions,
@@ -169,13 +140,34 @@ def own_fit(kind: BodyKind, seed: int, electrodes: int) -> FittedExponent | str:
         leak_ohm=loaded.board.source.leak_ohm,
     )
     fitting, person = Fitting(progress), SimulatedPerson(finger.sense, seed)
-    for state in OWN_STATES[: len(STATES)]:
+    for state in states.STATES:
         finger.begin(state)
         ask_in_this_state(fitting, progress.electrodes, finger, person, made)
     try:
         return fitting.fit(TODAY)
     except NoFit as error:
         return str(error)
+
+
+def true_k(kind: BodyKind, seed: int, electrodes: int, asked: Sequence[int]) -> float:
+    """The slope, within the electrodes that were asked, of true thresholds over resistances as at
+    no current: what a person finds who never errs, without a limit.
+    """
+    loaded = fake_config(electrodes=electrodes)
+    body = body_of(seed, loaded.board, loaded.array, kind)
+    places = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
+    course = StatedCourse(places, seed=seed)
+    body.skin.course = course
+    threshold, resistance = np.zeros((2, len(states.STATES), len(asked)))
+    for number, course.state in enumerate(states.STATES):
+        body.look_at(number)
+        for place, electrode in enumerate(asked):
+            now_ua = body.commanded_threshold_ua(electrode, WIDTH_US)
+            ohm = seen_ohm(body, electrode, now_ua) * (now_ua + BEND_UA) / BEND_UA
+            threshold[number, place], resistance[number, place] = np.log((now_ua, ohm))
+    threshold -= threshold.mean(axis=0)
+    resistance -= resistance.mean(axis=0)
+    return -float((threshold * resistance).sum() / (resistance**2).sum())
 
 
 def said(found: FittedExponent | str) -> str:

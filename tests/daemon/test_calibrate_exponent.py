@@ -92,6 +92,50 @@ def test_of_200_persons_without_a_k_at_most_ten_get_one() -> None:
     assert sum(k is not None for k in found) <= 10
 
 
+def behind_the_leak(asked: list[Asked]) -> list[Asked]:
+    """As commanded, where the thresholds were currents through the skin."""
+    return [
+        msgspec.structs.replace(
+            one, threshold_ua=one.threshold_ua * (1.0 + one.resistance_ohm / LEAK_OHM)
+        )
+        for one in asked
+    ]
+
+
+def test_what_the_leak_takes_is_no_k_of_a_person() -> None:
+    """A threshold that does not depend on the skin: as commanded it rises with the resistance."""
+    chance, known = random.Random(13), 0
+    for _ in range(200):
+        try:
+            found = fit(behind_the_leak(asked_of(chance, 0.0, criterion_sigma=0.02)))
+        except NoFit:
+            continue
+        assert found.why_not is not None
+        known += "feels more where it resists more" in found.why_not
+    assert known > 100, "k is below zero, and known well"
+
+
+@pytest.mark.parametrize("k", [0.0, 0.7])
+def test_an_electrode_without_a_threshold_in_one_state_is_counted_in_the_others(k: float) -> None:
+    """Half of them need more than the limit where the skin is dampest: the interval is as true."""
+    chance, held = random.Random(14), 0
+    fits = 0
+    for _ in range(500):
+        asked = [
+            one
+            for one in asked_of(chance, k, criterion_sigma=0.1)
+            if one.state != 1 or one.electrode % 2
+        ]
+        try:
+            found = fit(asked)
+        except NoFit:
+            continue
+        assert found.electrodes == tuple(range(6))
+        fits, held = fits + 1, held + (found.low <= k <= found.high)
+    assert fits > 300
+    assert held >= 0.85 * fits
+
+
 @pytest.mark.parametrize("criterion_sigma", [0.05, 0.1, 0.2])
 def test_a_criterion_that_moves_between_states_is_no_k(criterion_sigma: float) -> None:
     """One in twenty at most, of 1000: six electrodes asked by one criterion are one finding."""
@@ -102,7 +146,7 @@ def test_a_criterion_that_moves_between_states_is_no_k(criterion_sigma: float) -
 
 @pytest.mark.parametrize("criterion_sigma", [0.02, 0.1, 0.2])
 @pytest.mark.parametrize("k", [0.0, 0.7])
-def test_the_interval_has_the_true_k_in_it_nineteen_times_of_twenty(
+def test_the_interval_has_the_true_k_in_it_nine_times_of_ten(
     k: float, criterion_sigma: float
 ) -> None:
     """Whatever the criterion does; here nothing else moves."""
@@ -119,8 +163,8 @@ def test_the_interval_has_the_true_k_in_it_nineteen_times_of_twenty(
                 asked.append(Asked(electrode, state, at_s, now_ua, now_ohm))
         found = fit(asked)
         held += found.low <= k <= found.high
-    # Of a thousand draws of 95 %, fewer than 930 come once in 300 times.
-    assert held >= 930
+    # Of a thousand draws of 90 %, fewer than 874 come once in 300 times.
+    assert held >= 874
 
 
 def test_a_finding_of_any_kind_is_one_that_a_file_can_hold_or_none() -> None:
@@ -142,7 +186,7 @@ def test_a_finding_of_any_kind_is_one_that_a_file_can_hold_or_none() -> None:
             found = fit(asked)
         except NoFit:
             continue
-        wide += found.high - found.low > 10.0
+        wide += found.high - found.low > 5.0
         assert msgspec.convert(msgspec.to_builtins(found), FittedExponent) == found
     assert wide > 0
 
@@ -249,8 +293,10 @@ def test_too_few_states_or_electrodes_and_gaps_are_refused() -> None:
         fit([one for one in asked if one.state < 3])
     with pytest.raises(NoFit, match="3 electrodes in 5 states"):
         fit([one for one in asked if one.electrode < 3])
-    with pytest.raises(NoFit, match="not every electrode"):
-        fit(asked[1:])
+    first = asked[0].electrode
+    fit([one for one in asked if (one.electrode, one.state) != (first, 1)])
+    with pytest.raises(NoFit, match=rf"electrode {first} has a threshold in 3 states, and 4 are"):
+        fit([one for one in asked if one.electrode != first or one.state not in (1, 3)])
     with pytest.raises(NoFit, match="0 electrodes"):
         fit([])
 
@@ -264,7 +310,10 @@ def test_too_few_states_or_electrodes_and_gaps_are_refused() -> None:
         ({"explained_of_all": None}, "before it was kept how much .* of all .* measure it again"),
         ({"low": 0.6, "high": 50.0}, r"0\.60 to 50\.00, ends further from k than zero"),
         ({"low": 0.01, "high": 1.9}, "ends further from k than zero"),
-        ({"k": -0.7, "low": -1.5, "high": -0.1}, "ends further from k than zero"),
+        ({"k": -0.7, "low": -1.5, "high": -0.1}, "thresholds rise with the resistance"),
+        ({"k": -0.2, "low": -0.3, "high": -0.1}, "a board's leak does that by itself"),
+        ({"k": 0.0, "low": 0.0, "high": 0.0}, "or do not follow it"),
+        ({"k": 0.29, "low": 0.2, "high": 0.4}, r"is less than 0\.3: a board's leak"),
         ({"k": 2.1, "high": 2.5}, "is not believed"),
         ({"low": 0.8}, "lies outside of its interval"),
         ({"fold": 1.9}, "changed 1.9-fold, and 2-fold is needed"),
@@ -365,7 +414,7 @@ def drifting(k: float, drift: float, seed: int) -> list[Asked]:
     return asked
 
 
-@pytest.mark.parametrize(("k", "drift"), [(0.1, 1.2), (0.3, 1.0), (0.2, 1.2)])
+@pytest.mark.parametrize(("k", "drift"), [(0.35, 1.5), (0.4, 1.5), (0.5, 2.0)])
 def test_what_thresholds_did_with_time_is_not_explained_by_the_resistance(
     k: float, drift: float
 ) -> None:

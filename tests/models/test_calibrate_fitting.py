@@ -27,7 +27,7 @@ from etd.protocol.errors import FileError
 from fit_scenes import ADAPTING, POOR, TODAY, N, StateSkin, ask_all, baseline, begun, found
 
 
-@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 3)], ids=["adapting", "poor"])
+@pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 5)], ids=["adapting", "poor"])
 def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, least: int) -> None:
     """Ten with one and twenty without here; `make bench-fit` plays 200 of each."""
     chance = random.Random(3)
@@ -134,6 +134,12 @@ def test_the_bench_says_no_where_too_few_get_theirs_or_too_many_get_what_they_ha
     assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
     assert bench_fit.judged("poor", true_k, nobody, nobody)[1]
     assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
+    assert not bench_fit.judged("area", true_k, nobody, [])[1]
+    assert bench_fit.judged("sweat", [], [], nobody) == (
+        "sweat: of 20 without, 0 get one: holds",
+        True,
+    )
+    assert not bench_fit.judged("sweat", [], [], [0.3, 0.3, *nobody[2:]])[1]
 
 
 @pytest.mark.parametrize("false_alarms", [0.0, 0.3])

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from bench.steady_fit_own import OWN_STATES, own_fit, said
+from bench.steady_fit_own import own_fit, said, true_k
 from etd.calibrate.fitting import STATES
 from etd.protocol.exponent import FittedExponent
+from etd_body import states
 from etd_body.kinds import BodyKind
 
 SEED, ELECTRODES = 31, 8
 
 
 def test_each_state_that_a_person_is_asked_in_has_a_skin() -> None:
-    assert len(OWN_STATES) == len(STATES)
+    assert len(states.STATES) == len(STATES)
 
 
 @pytest.mark.parametrize("kind", [BodyKind.AREA, BodyKind.CAPACITIVE])
@@ -21,7 +22,17 @@ def test_where_feeling_follows_the_resistance_it_gives_a_k(kind: BodyKind) -> No
     found = own_fit(kind, SEED, ELECTRODES)
     assert isinstance(found, FittedExponent)
     assert found.why_not is None
-    assert 0.4 < found.k < 1.4
+    true = true_k(kind, SEED, ELECTRODES, found.electrodes)
+    assert 0.5 < true < 1.4
+    assert found.k == pytest.approx(true, rel=0.25)
+
+
+def test_where_the_leak_alone_follows_the_resistance_it_is_refused() -> None:
+    """Its k is known well, and says nothing of the person's skin."""
+    found = own_fit(BodyKind.INDIFFERENT, SEED, ELECTRODES)
+    assert isinstance(found, FittedExponent)
+    assert -0.3 < found.low < found.high < 0.0
+    assert "thresholds rise with the resistance" in said(found)
 
 
 def test_where_sweat_narrows_the_way_in_k_is_below_zero() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 import signal
+import statistics
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -96,7 +97,7 @@ def test_what_was_answered_is_kept_where_nothing_can_be_fitted(rig: CommandRig) 
     before = path.read_bytes()
     told = rig.run(*FIT, *ON_FAKE, "--out", str(rig.folder / "K01.toml"))
     assert told.status == 1
-    assert "3 of 6 electrodes have a threshold in every state" in told.err
+    assert "3 of 6 electrodes have a threshold in all states so far, or all but 1" in told.err
     assert f"the answers are kept in {path}, and --restart asks all states again" in told.err
     assert path.read_bytes() == before
     assert not (rig.folder / "K01.toml").exists()
@@ -149,3 +150,43 @@ def test_after_a_lease_that_lapsed_it_is_said_what_is_kept(rig: CommandRig) -> N
             at.close()
         assert said.status == 1
         assert "states that are over: 0: the same command continues" in said.err
+
+
+def test_a_simulated_person_answers_in_the_first_state_without_a_key(rig: CommandRig) -> None:
+    at = rig.start(*FIT, *ON_FAKE, "--answers", "simulated", "--trials", "fit.tsv")
+    trials = rig.folder / "fit.tsv"
+    assert at.line() == "", "each state stands apart"
+    assert "state 1 of 5, dry" in at.line()
+    while not (trials.exists() and len(trials.read_text().splitlines()) > 2):
+        assert at.process.poll() is None
+        rig.run("status")
+    at.process.send_signal(signal.SIGINT)
+    said = at.ended()
+    assert said.status == 130, said.err
+    assert "states that are over: 0: the same command continues" in said.err
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (("run", "--board", "fake", "--finger", "dry"), "no finger 'dry': one of area, indiff"),
+        (("calibrate", "P01", *LIMIT, "--finger", "area"), "--finger, --timeout-factor and"),
+        (("run", "--board", "fake", "--board-socket", "x", "--breathing"), "only conducts"),
+    ],
+)
+def test_a_finger_that_cannot_be_is_refused_with_what_can(
+    rig: CommandRig, asked: tuple[str, ...], why: str
+) -> None:
+    told = rig.run(*asked)
+    assert told.status == 2
+    assert why in told.err
+
+
+def test_a_daemon_has_the_finger_that_was_named(rig: CommandRig) -> None:
+    """What is measured says which: this one resists more, and is the same each time."""
+    seen = []
+    for finger in ((), ("--finger", "capacitive:3"), ("--finger", "capacitive:3")):
+        with rig.daemon("--array", "pad-8", *finger):
+            seen.append(statistics.median(rig.run("measure", "--json").answer["resistance_ohm"]))
+    assert seen[1] == pytest.approx(seen[2], rel=0.1)
+    assert abs(math.log(seen[0] / seen[1])) > 0.2

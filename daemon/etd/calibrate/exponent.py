@@ -32,8 +32,9 @@ LEAST_STATES = 4
 #: Of the resistance's variation within electrodes, what time must leave.
 _LEAST_APART = 0.2
 _DIGITS = 4
-#: Student's t, 97.5 %, by degrees of freedom; above these as for ten.
-_T = (math.inf, 12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23)
+#: Student's t, 95 %, by degrees of freedom; above these as for ten. A k at or below zero is refused
+#: anyhow, so that who has none can get one at one end only, by one chance in twenty.
+_T = (math.inf, 6.31, 2.92, 2.35, 2.13, 2.02, 1.94, 1.89, 1.86, 1.83, 1.81)
 
 
 class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -55,7 +56,7 @@ class NoFit(EtdError):
 def fitted(
     asked: Sequence[Asked], date: datetime.date, board: str, leak_ohm: int
 ) -> FittedExponent:
-    """k with its 95 % interval, as measured with this board, and how much it explains: of what a
+    """k with its 90 % interval, as measured with this board, and how much it explains: of what a
     line over time leaves of the thresholds, and of all that they did within electrodes, where what
     they did with time is not explained. Whether it can be used, it says itself.
 
@@ -112,10 +113,13 @@ def _check_enough(
             f"{len(electrodes)} electrodes in {len(states)} states of the skin: at least"
             f" {LEAST_ELECTRODES} in {LEAST_STATES} are needed"
         )
-    if len({(one.electrode, one.state) for one in asked}) < len(electrodes) * len(states):
-        raise NoFit(
-            "not every electrode has a threshold in every state: ask the missing ones again"
-        )
+    for electrode in electrodes:
+        own = sum(one.electrode == electrode for one in asked)
+        if own < LEAST_STATES:
+            raise NoFit(
+                f"electrode {electrode} has a threshold in {own} states, and {LEAST_STATES} are"
+                " needed: leave it out"
+            )
 
 
 def _half_interval(
@@ -129,16 +133,20 @@ def _half_interval(
     make much of what was asked six times."""
     free = len(asked) - electrodes - 2
     by_all = math.sqrt(_dot(residuals, residuals) / free / _dot(left, left))
-    place = {state: at for at, state in enumerate(states)}
-    rests, changes = [0.0] * len(states), [0.0] * len(states)
-    for one, rest, at in zip(asked, residuals, left, strict=True):
-        rests[place[one.state]] += rest / electrodes
-        changes[place[one.state]] += at / electrodes
+    rests, changes = _means(asked, states, residuals), _means(asked, states, left)
     spread, free_states = _dot(changes, changes), len(states) - 3
     if spread <= 0.0:
         return math.inf
     by_states = math.sqrt(_dot(rests, rests) / free_states / spread)
     return max(_t(free) * by_all, _t(free_states) * by_states)
+
+
+def _means(asked: Sequence[Asked], states: tuple[int, ...], values: Sequence[float]) -> list[float]:
+    """By state, of the electrodes that have a threshold in it."""
+    of_state: dict[int, list[float]] = {state: [] for state in states}
+    for one, value in zip(asked, values, strict=True):
+        of_state[one.state].append(value)
+    return [sum(own) / len(own) for own in of_state.values()]
 
 
 def _t(free: int) -> float:

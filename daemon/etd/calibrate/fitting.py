@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
-from etd.calibrate.exponent import Asked, NoFit, fitted
+from etd.calibrate.exponent import LEAST_STATES, Asked, NoFit, fitted
 from etd.calibrate.progress import Progress
 from etd.files.atomic_file import write_atomically
 from etd.files.paths import make_own
@@ -55,6 +55,10 @@ STATES: Final = (
     SkinState("pressed", "Breathe on it again, and press more firmly than before, all the time."),
     SkinState("dry at last", "Wipe both; wait two minutes in the air; press as at first."),
 )
+
+
+#: In so many of them an electrode may have no threshold: damp skin can need more than the limit.
+_MAY_LACK: Final = len(STATES) - LEAST_STATES
 
 
 class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -161,14 +165,15 @@ class Fitting:
         return found
 
     def fit(self, today: datetime.date) -> FittedExponent:
-        """By the electrodes that have a threshold in every state. Raises: NoFit."""
+        """By the electrodes that have a threshold in all states, or all but one. Raises: NoFit."""
         asked = self._progress.asked
-        known = self._known_in_every_state
+        known = self._known_well
         if len(known) < LEAST_ELECTRODES:
             raise NoFit(
                 f"{len(known)} of {len(self._progress.electrodes)} electrodes have a threshold in"
-                f" every state so far, and {LEAST_ELECTRODES} are needed: damp skin may need more"
-                " current, so raise --max-current-ua, or choose --electrodes with lower thresholds"
+                f" all states so far, or all but {_MAY_LACK}, and {LEAST_ELECTRODES} are needed:"
+                " damp skin may need more current, so raise --max-current-ua, choose --electrodes"
+                " with lower thresholds, or breathe less"
             )
         whole = [one for one in asked if one.electrode in known]
         progress, silent = self._progress, self._progress.catch_trials
@@ -181,18 +186,16 @@ class Fitting:
 
     @property
     def is_lost(self) -> bool:
-        """Too few electrodes have a threshold in every state so far: no further state makes a fit
-        of them.
-        """
-        return len(self._known_in_every_state) < LEAST_ELECTRODES
+        """Too few electrodes have thresholds enough: no further state makes a fit of them."""
+        return len(self._known_well) < LEAST_ELECTRODES
 
     @property
-    def _known_in_every_state(self) -> set[int]:
-        asked = self._progress.asked
+    def _known_well(self) -> set[int]:
+        asked, least = self._progress.asked, self._progress.states - _MAY_LACK
         return {
             electrode
             for electrode in self._progress.electrodes
-            if sum(one.electrode == electrode for one in asked) == self._progress.states
+            if sum(one.electrode == electrode for one in asked) >= least
         }
 
 

@@ -49,6 +49,8 @@ examples:
   etd calibrate P01 --method equalize --baseline P01   equal strength everywhere
   etd calibrate P01 --fit --max-current-ua 2500        k of the law power_law
   etd calibrate P01 --max-current-ua 2500 --board fake --answers simulated
+  etd calibrate fake --fit --baseline fake-fingertip-pad-8 --as K01
+      --max-current-ua 3000 --board fake --answers simulated
 
 keys, without Enter:
   {legend("strength")}
@@ -134,6 +136,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_fake(
         parser, "start a daemon with a fake board, instead of using the running daemon"
     )
+    options.add_finger(parser)
     parser.add_argument(
         "--answers",
         choices=("keys", "simulated"),
@@ -257,9 +260,11 @@ def _check_combinations(args: argparse.Namespace) -> None:
         args.misused(
             "--board fake has a daemon of its own, --folder is a running one: one of the two"
         )
-    fakes = args.array, args.timeout_factor, args.answers == "simulated"
+    fakes = args.array, args.timeout_factor, args.finger, args.answers == "simulated"
     if args.board is None and any(fakes):
-        args.misused("--array, --timeout-factor and --answers simulated go with --board fake")
+        args.misused(
+            "--array, --finger, --timeout-factor and --answers simulated go with --board fake"
+        )
 
 
 def _check_fit(args: argparse.Namespace) -> None:
@@ -276,8 +281,6 @@ def _check_fit(args: argparse.Namespace) -> None:
             "--fit adds k to a calibration and nothing else: omit --skin-celsius and"
             " --ask-sensation, which a calibration takes"
         )
-    if args.answers == "simulated":
-        args.misused("--fit needs a person whose skin becomes damp and dry: omit --answers")
     if args.baseline is None:
         args.baseline = args.which or args.participant
     elif args.baseline != args.participant and args.which is None:
@@ -301,7 +304,13 @@ def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str 
 def _private(
     args: argparse.Namespace, loaded: LoadedConfig, lent: Calibration | None
 ) -> Iterator[str]:
-    own = private_daemon("calibrate", loaded, timeout_factor=args.timeout_factor)
+    own = private_daemon(
+        "calibrate",
+        loaded,
+        timeout_factor=args.timeout_factor,
+        finger=args.finger,
+        is_breathing=args.fit,
+    )
     with own as address:
         if args.baseline is not None:
             with calibrated_first() if args.fit else contextlib.nullcontext():

@@ -40,7 +40,7 @@ from etd.version import __version__
 from etd_hal.compose import wall_time
 
 #: So that a simulated calibration is the same each time.
-_SIMULATED_SEED = 1
+SIMULATED_SEED = 1
 
 
 class CalibrateSession:
@@ -193,7 +193,7 @@ class CalibrateSession:
         return progress
 
     def _new_seed(self) -> int:
-        return _SIMULATED_SEED if self._args.answers == "simulated" else randrange(MOST_SEED + 1)
+        return SIMULATED_SEED if self._args.answers == "simulated" else randrange(MOST_SEED + 1)
 
     def _wanted(self) -> list[int]:
         return [

@@ -15,7 +15,8 @@ from random import randrange
 
 import msgspec
 
-from etd.calibrate.answers import Answer
+from etd.calibrate.answers import Answer, Answerer
+from etd.calibrate.asking import Presenter
 from etd.calibrate.conditions import check_baseline, check_conditions, check_laws
 from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
@@ -30,17 +31,17 @@ from etd.calibrate.fitting import (
     save_fit,
 )
 from etd.calibrate.progress import Progress
-from etd.calibrate.stimulator import Stimulator
-from etd.calibrate.trial import Stopped
 from etd.cli import options
-from etd.cli.arming import armed_for
+from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_result import same_command, store
 from etd.cli.calibrate_screen import Screen
+from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibration_shown import k_in_words
 from etd.cli.false_alarms import said_of_false_alarms_of_fit
-from etd.cli.keys import Keyboard, keyboard
+from etd.cli.fit_wearer import PersonAtKeys, SimulatedWearer, Wearer
+from etd.cli.keys import keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
@@ -63,6 +64,7 @@ class FitSession:
     def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
         self._args, self._display, self._which = args, display, which
         self._file = calibrating_file(args.name if args.board is None else "fake", f"{which}-fit")
+        self._is_simulated = args.answers == "simulated"
         #: Kept for this run: a clock that is set meanwhile does not make a drift.
         self._wall_offset_ns = clock.wall_offset_ns()
         with calibrated_first():
@@ -74,7 +76,7 @@ class FitSession:
             FitProgress(
                 conditions=conditions,
                 electrodes=electrodes_to_ask(self._baseline, args.electrodes),
-                seed=randrange(MOST_SEED + 1) if args.seed is None else args.seed,
+                seed=self._new_seed() if args.seed is None else args.seed,
                 board=display.facts.board.name,
                 leak_ohm=display.facts.board.leak_ohm,
             )
@@ -92,29 +94,40 @@ class FitSession:
             return
         with ExitStack() as stack:
             stack.callback(self._trials.close)
-            keys = stack.enter_context(
-                keyboard(lambda question: self._screen.ask(question), self._heard)
-            )
-            at_once = self._args.board is not None or self._args.arm
-            armed_for(self._display, keys, at_once=at_once)
+            wearer = self._armed_wearer(stack)
             if self._args.restart:
                 self._file.unlink(missing_ok=True)
+            conditions = self._progress.conditions
             stimulator = stack.enter_context(
-                stimulator_on(self._display, self._progress.conditions, keys.wants_stop)
+                stimulator_on(self._display, conditions, wearer.answerer.wants_stop, wearer.hear)
             )
             stimulator.open()
             while (state := self._fitting.state) is not None and not self._fitting.is_lost:
-                self._wait_for_skin(state, keys)
+                number = self._progress.states
+                self._say(f"\nstate {number + 1} of {len(STATES)}, {state.name}: {state.todo}")
+                wearer.come_into(number, stimulator)
                 check_pause(self._progress, self._now_s(), str(self._file))
-                self._ask_in(state, stimulator, keys)
+                self._ask_in(state, wearer.presenter(stimulator), wearer.answerer)
 
-    def _ask_in(self, state: SkinState, stimulator: Stimulator, keys: Keyboard) -> None:
+    def _armed_wearer(self, stack: ExitStack) -> Wearer:
+        """Raises: Stopped, Refused."""
+        if self._is_simulated:
+            self._display.arm(ARM_WITHIN_S)
+            return SimulatedWearer(self._progress.seed)
+        keys = stack.enter_context(
+            keyboard(lambda question: self._screen.ask(question), self._heard)
+        )
+        at_once = self._args.board is not None or self._args.arm
+        armed_for(self._display, keys, at_once=at_once)
+        return PersonAtKeys(self._display, keys, self._say)
+
+    def _ask_in(self, state: SkinState, presenter: Presenter, answerer: Answerer) -> None:
         of_state = self._fitting.progress_of_state()
         self._screen = self._screen_of(of_state)
         course = Course(
             of_state,
-            stimulator,
-            keys,
+            presenter,
+            answerer,
             lambda: wall_time().date(),
             baseline=self._baseline,
             on_progress=self._lowered,
@@ -127,20 +140,9 @@ class FitSession:
         course.run(self._progress.electrodes)
         for electrode in self._fitting.take(of_state):
             why = course.left.get(electrode, "no threshold up to its cap")
-            self._say(f"electrode {electrode} is left out: {why}")
+            self._say(f"electrode {electrode} has no threshold in this state: {why}")
         save_fit(self._file, self._progress)
         self._say(f"{state.name}: done, {len(STATES) - self._progress.states} states to come")
-
-    def _wait_for_skin(self, state: SkinState, keys: Keyboard) -> None:
-        """Raises: Stopped."""
-        number = self._progress.states + 1
-        self._say(f"\nstate {number} of {len(STATES)}, {state.name}: {state.todo}")
-        self._say("Then any key   (SPACE STOP   q pause)")
-        ending = keys.ready(self._display.keep)
-        if ending == "stop":
-            self._display.stop()
-        if ending is not None:
-            raise Stopped(ending)
 
     # --- the result --------------------------------------------------------------------------
 
@@ -207,6 +209,9 @@ class FitSession:
         print(f"continuing: states that are over: {saved.states}", file=sys.stderr)
         return saved
 
+    def _new_seed(self) -> int:
+        return SIMULATED_SEED if self._is_simulated else randrange(MOST_SEED + 1)
+
     def _lowered(self, of_state: Progress) -> None:
         """What was too strong is kept, whatever comes next."""
         self._fitting.lower(of_state)
@@ -216,7 +221,7 @@ class FitSession:
         return Screen(
             self._display.facts.array,
             of_state,
-            is_quiet=self._args.json,
+            is_quiet=self._args.json or self._is_simulated,
             is_blind=self._args.blind,
             asked=len(self._progress.electrodes),
         )

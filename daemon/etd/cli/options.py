@@ -18,6 +18,7 @@ from typing import NamedTuple
 from etd.files.paths import DEFAULT_NAME, address_of
 from etd.protocol.errors import FileError
 from etd.protocol.text import shown
+from etd_hal.modelled_fingers import KINDS, Finger, finger_named
 from etd_hal.modelled_machines import MODELLED_MACHINES
 
 #: A frame on the fake is shown for at most 100 s after its client has died.
@@ -209,6 +210,40 @@ def add_machine(parser: argparse.ArgumentParser) -> None:
         " computing take as long as is modelled, on a computer with nothing else to do (default:"
         " calls as on a pi4, computing as fast as here)",
     )
+
+
+def add_finger(parser: argparse.ArgumentParser) -> None:
+    """With `--board fake`, in the daemon's own process."""
+    parser.add_argument(
+        "--finger",
+        type=finger,
+        metavar="KIND[:SEED]",
+        help="with --board fake: another modelled finger than the fake's own, of one of the kinds"
+        f" {', '.join(KINDS)} (docs/body.md); the shipped calibrations are of its own one",
+    )
+
+
+def add_breathing(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--breathing",
+        action="store_true",
+        help="with --board fake: the finger becomes damp, dry, damp and pressed, and dry again, one"
+        " after each quarter of a minute without a pulse, as `etd calibrate --fit` asks for",
+    )
+
+
+def finger_arguments(named: Finger | None, *, is_breathing: bool) -> list[str]:
+    """For a part of the same daemon."""
+    arguments = [] if named is None else ["--finger", f"{named.kind}:{named.seed}"]
+    return [*arguments, "--breathing"] if is_breathing else arguments
+
+
+def finger(text: str) -> Finger:
+    """`KIND` or `KIND:SEED`. Raises: ArgumentTypeError."""
+    try:
+        return finger_named(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def any_board_faked(text: str) -> FakeBoard:

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING
 
 from etd.cli import Terminated
 from etd.cli.extras import check_fake
-from etd.cli.options import PRIVATE_TIMEOUT_FACTOR
+from etd.cli.options import PRIVATE_TIMEOUT_FACTOR, finger_arguments
 from etd.files.configuration import LoadedConfig
 from etd.files.paths import prepare_runtime
 from etd.protocol.errors import NO_TIME, DaemonGone, PartEnded, Refused
+from etd_hal.modelled_fingers import Finger
 
 if TYPE_CHECKING:
     from etd.cli.process_pair import ProcessPair
@@ -38,9 +39,12 @@ def private_daemon(
     trace: Path | None = None,
     machine: str | None = None,
     timeout_factor: int | None = None,
+    finger: Finger | None = None,
+    *,
+    is_breathing: bool = False,
 ) -> Iterator[str]:
-    """The control address of a daemon that is ready. `loaded` comes from `fake_config`; `machine`
-    and `timeout_factor` are those of `etd run`.
+    """The control address of a daemon that is ready. `loaded` comes from `fake_config`; `machine`,
+    `timeout_factor`, `finger` and `is_breathing` are those of `etd run`.
 
     The output of the two processes is shown only if one of them ends.
     Raises: PartEnded then (also in place of the client's error), DaemonGone if it does not become
@@ -55,6 +59,7 @@ def private_daemon(
         prepare_runtime(folder)
         factor = timeout_factor or PRIVATE_TIMEOUT_FACTOR
         arguments = _arguments(name, loaded, folder, trace, machine, factor)
+        arguments += finger_arguments(finger, is_breathing=is_breathing)
         with open(folder / "log", "w+", encoding="utf-8") as log:
             try:
                 with ProcessPair(arguments, folder, log) as both:

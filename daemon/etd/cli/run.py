@@ -42,6 +42,7 @@ from etd.selftest.subject import subject_of
 from etd_hal.backend import Backend
 from etd_hal.compose import open_fake, open_linux, system_clock
 from etd_hal.confinement import close_memory
+from etd_hal.modelled_fingers import OWN
 from etd_hal.wait_for_devices import open_when_there
 
 HELP = "run the daemon: engine and gateway, until Ctrl-C"
@@ -49,6 +50,7 @@ EPILOG = """
 examples:
   etd run --board fake                    without hardware, for writing programs
   etd run --board fake --trace bus.jsonl  also records all traffic on its buses
+  etd run --board fake --finger sweat:3   another modelled finger (docs/body.md)
   etd run --config my.toml                your own board, without installing a service
 
 As a service (systemd), each part is a unit: etd run --part engine, etd run --part gateway.
@@ -65,6 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "a fake board instead of hardware, with a configuration of its own"
     )
     options.add_machine(parser)
+    options.add_finger(parser)
+    options.add_breathing(parser)
     parser.add_argument(
         "--trace", type=Path, metavar="FILE", help="record the fake's buses, as JSON lines"
     )
@@ -149,10 +153,14 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
         args.misused("--trace: a board process writes its own trace; give the option to it")
     if args.machine is not None and args.board_socket is not None:
         args.misused("--machine: a board process has the times of a pi4")
+    if args.board_socket is not None and (args.finger is not None or args.breathing):
+        args.misused("--finger, --breathing: on a board process lies a finger that only conducts")
     for option, given, why in (
         ("--trace", args.trace, "real buses cannot be recorded or replaced"),
         ("--board-socket", args.board_socket, "real buses cannot be recorded or replaced"),
         ("--timeout-factor", args.timeout_factor, "a real board's time-outs cannot be lengthened"),
+        ("--finger", args.finger, "nobody models who wears a real board"),
+        ("--breathing", args.breathing or None, "nobody models who wears a real board"),
     ):
         if loaded.config.backend == "linux" and given is not None:
             raise FileError(option, "", why, "omit it, or use --board fake")
@@ -203,7 +211,7 @@ def _arguments(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> 
         value = getattr(args, key)
         if value is not None:
             arguments += [f"--{key.replace('_', '-')}", str(value)]
-    return arguments
+    return arguments + options.finger_arguments(args.finger, is_breathing=args.breathing)
 
 
 @contextmanager
@@ -342,6 +350,7 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
         sensors=loaded.array.pressure,
         timeout_factor=args.timeout_factor or 1,
         machine=args.machine,
+        finger=(args.finger or OWN)._replace(is_breathing=args.breathing),
     )
 
 

@@ -21,6 +21,9 @@ from etd.protocol.frame import PerElectrode, ShortText
 LEAST_EXPLAINED = 0.5
 #: What no published slope comes near (docs/body.md has 0.7 to 1.3).
 MOST_K = 2.0
+#: What a board's leak does by itself to a k lies between -0.3 and zero, where it is measured: a k
+#: that is no larger than that is not known to be of the skin (docs/decisions/0069).
+LEAST_K = 0.3
 #: From fewer electrodes, or from states that were more alike, no k is known.
 LEAST_ELECTRODES, LEAST_FOLD = 4, 2.0
 #: A wider interval says nothing of k.
@@ -37,7 +40,7 @@ Said = Annotated[float, Meta(ge=-MOST_SAID, le=MOST_SAID)]
 class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """k of threshold ~ R^-k, within electrodes, over several states of the skin.
 
-    `low` to `high`: the 95 % interval. `explained_of_all`: 0 to 1, of what thresholds did within
+    `low` to `high`: the 90 % interval. `explained_of_all`: 0 to 1, of what thresholds did within
     electrodes, what they did with time included; `explained`: of what a straight line over time
     leaves of that. `fold`: by how much the states have changed the resistance, the median over
     electrodes of the largest by the smallest. `catch_trials`, `false_alarm_rate`: silent trials in
@@ -79,14 +82,25 @@ class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
                 f"k = {self.k:.2f} is of a skin whose resistance changed {self.fold:.1f}-fold, and"
                 f" {LEAST_FOLD:g}-fold is needed"
             )
-        if abs(self.k) > MOST_K:
+        if self.k <= 0.0:
+            return (
+                f"k = {self.k:.2f}: thresholds rise with the resistance, or do not follow it, and"
+                " the law is made for skin that feels more where it resists more (a board's leak"
+                " does that by itself)"
+            )
+        if self.k > MOST_K:
             return f"k = {self.k:.2f} is not believed: none above {MOST_K:g} is known"
         if self.low <= 0.0 <= self.high:
             return (
                 f"k = {self.k:.2f}, and its interval, {self.low:.2f} to {self.high:.2f}, has zero"
                 " in it: thresholds may not follow the resistance at all"
             )
-        if max(self.k - self.low, self.high - self.k) > _MOST_OFF * abs(self.k):
+        if self.k < LEAST_K:
+            return (
+                f"k = {self.k:.2f} is less than {LEAST_K:g}: a board's leak has a part of that size"
+                " in k, so that it is not known to be of the skin"
+            )
+        if max(self.k - self.low, self.high - self.k) > _MOST_OFF * self.k:
             return (
                 f"k = {self.k:.2f}, and its interval, {self.low:.2f} to {self.high:.2f}, ends"
                 " further from k than zero: it says little of k"

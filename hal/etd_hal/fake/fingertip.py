@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from etd_body.electrode import OPEN_CONTACT, dry_fingertip
 from etd_body.minimal import MinimalBody
 from etd_hal.boardfile import BoardFile
+from etd_hal.modelled_fingers import OWN, Finger
 
 if TYPE_CHECKING:
     from etd_body.living import LivingBody
@@ -39,16 +40,26 @@ def untouched(board: BoardFile, electrode_count: int) -> MinimalBody:
     )
 
 
-def living_fingertip(board: BoardFile, positions_mm: Sequence[tuple[float, float]]) -> LivingBody:
+def living_fingertip(
+    board: BoardFile, positions_mm: Sequence[tuple[float, float]], finger: Finger = OWN
+) -> LivingBody:
     """The same finger every time, from the moment that it is laid on: it sweats, moves and feels.
 
     `positions_mm`: where each electrode is, as in the array's file.
     """
+    from etd_body.kinds import BodyKind, living
     from etd_body.living import LivingBody
+    from etd_body.states import BreathingBody
 
-    return LivingBody(
+    body = BreathingBody if finger.is_breathing else LivingBody
+    leak_ohm, compliance_v = board.source.leak_ohm, board.source.compliance_v
+    if finger.kind is None:
+        return body(positions_mm, leak_ohm=leak_ohm, compliance_v=compliance_v, seed=_SEED)
+    return living(
+        BodyKind(finger.kind),
         positions_mm,
-        leak_ohm=board.source.leak_ohm,
-        compliance_v=board.source.compliance_v,
-        seed=_SEED,
+        leak_ohm=leak_ohm,
+        compliance_v=compliance_v,
+        seed=finger.seed,
+        body=body,
     )
