@@ -15,7 +15,9 @@ mean over persons, and the worst of them is told beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -74,29 +76,48 @@ class Compared:
 
 
 def compared(
-    body: BodyKind,
+    bodies: Sequence[BodyKind],
     seeds: Sequence[int],
     manner: Manner,
     minutes: float = MINUTES,
     persons: int = PERSONS,
-) -> tuple[Compared, Compared]:
-    """Where answers may not raise, as it ships, and where they may."""
-    plain = [play(body, seed, None, minutes) for seed in seeds]
-    drift = felt_drift.mean_of([felt_drift.drift(body, seed, minutes) for seed in seeds])
-
-    def beside(*, may_raise: bool) -> Compared:
-        said = [
-            [
-                play(body, seed, manner, minutes, number, may_raise=may_raise)
+    processes: int = 1,
+) -> list[Compared]:
+    """All of them where answers may not raise, as it ships; then all where they may."""
+    fingers, ways = list(product(bodies, seeds)), (False, True)
+    with ProcessPoolExecutor(processes) as pool:
+        drifts = {each: pool.submit(felt_drift.drift, *each, minutes) for each in fingers}
+        plain = {each: pool.submit(play, *each, None, minutes) for each in fingers}
+        said = {
+            (each, may_raise): [
+                pool.submit(play, *each, manner, minutes, number, may_raise=may_raise)
                 for number in range(persons)
             ]
-            for seed in seeds
-        ]
-        of_finger, of_person = _worst_times(said, plain)
-        without = _figures([[one] for one in plain])
-        return Compared(body, may_raise, _figures(said), without, of_finger, of_person, drift)
+            for each, may_raise in product(fingers, ways)
+        }
+    return [
+        _beside(
+            body,
+            may_raise,
+            [[one.result() for one in said[(body, seed), may_raise]] for seed in seeds],
+            [plain[body, seed].result() for seed in seeds],
+            felt_drift.mean_of([drifts[body, seed].result() for seed in seeds]),
+        )
+        for may_raise, body in product(ways, bodies)
+    ]
 
-    return beside(may_raise=False), beside(may_raise=True)
+
+def _beside(
+    body: BodyKind,
+    may_raise: bool,
+    said: Sequence[Sequence[Played]],
+    plain: Sequence[Played],
+    drift: Drift,
+) -> Compared:
+    """`said` by finger and person."""
+    of_finger, of_person = _worst_times(said, plain)
+    without = _figures([[one] for one in plain])
+    return Compared(body, may_raise, _figures(said), without, of_finger, of_person, drift)
 
 
 def _worst_times(said: Sequence[Sequence[Played]], plain: Sequence[Played]) -> tuple[float, float]:

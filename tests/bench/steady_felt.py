@@ -10,9 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
-from itertools import repeat
 from pathlib import Path
 from typing import get_args
 
@@ -68,11 +66,9 @@ def main() -> int:
         return 0
     fingers = f"fingers {', '.join(map(str, args.seeds))}"
     said = f"{fingers}, {args.persons} persons each, {args.minutes:g} min"
-    with ProcessPoolExecutor(args.processes) as pool:
-        asked = (repeat(each) for each in (args.seeds, manner, args.minutes, args.persons))
-        pairs = list(pool.map(compared, args.bodies, *asked))
-    ships, raising = map(list, zip(*pairs, strict=True))
-    found = [*ships, *raising]
+    found = compared(args.bodies, args.seeds, manner, args.minutes, args.persons, args.processes)
+    ships = [each for each in found if not each.may_raise]
+    raising = [each for each in found if each.may_raise]
     checked = bounds(found) + felt_harm.bounds(found)
     excluded = not_held(found) + felt_harm.excluded(found)
     not_met = [bound for bound in checked if not bound.is_met]

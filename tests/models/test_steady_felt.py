@@ -43,7 +43,7 @@ TOO_SMALL_TO_TELL = replace(SHARED, drift=0.9, size=0.99 * LEAST_SIZE)
 @pytest.mark.parametrize("body", BodyKind)
 def test_the_bounds_hold_with_persons_who_are_right_four_times_of_five(body: BodyKind) -> None:
     """As it ships, and where answers may raise."""
-    for found in compared(body, TESTED, Manner(), persons=2):
+    for found in compared([body], TESTED, Manner(), persons=2):
         assert all(bound.is_met for bound in bounds([found])), found
         assert all(bound.is_met for bound in felt_harm.bounds([found])), felt_harm.bounds([found])
         assert found.drift.is_common == (body in DRIFTING)
