@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
@@ -45,7 +44,7 @@ def main() -> int:
         "--law",
         choices=list(LAWS),
         help="answers together with this law, through the engine: some minutes for each body and"
-        " finger, one person each, and no bounds",
+        " finger, one person each; status 1 where the law does harm and is not given up",
     )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
@@ -55,15 +54,12 @@ def main() -> int:
     args = parser.parse_args()
     manner = Manner(args.right, args.band, args.errs, args.insists)
     if args.law is not None:
-        _show_with_law(
-            (
-                felt_laws.with_law(body, args.law, seed, manner, args.minutes)
-                for body in args.bodies
-                for seed in args.seeds
-            ),
-            as_json=args.json,
-        )
-        return 0
+        played = [
+            _shown(felt_laws.with_law(body, args.law, seed, manner, args.minutes), args.json)
+            for body in args.bodies
+            for seed in args.seeds
+        ]
+        return 0 if all(each.is_held for each in played) else 1
     fingers = f"fingers {', '.join(map(str, args.seeds))}"
     said = f"{fingers}, {args.persons} persons each, {args.minutes:g} min"
     found = compared(args.bodies, args.seeds, manner, args.minutes, args.persons, args.processes)
@@ -88,22 +84,19 @@ def main() -> int:
     return 1 if not_met else 0
 
 
-def _show_with_law(found: Iterable[felt_laws.WithLaw], *, as_json: bool) -> None:
-    """A line for each as it comes."""
-    for each in found:
-        if as_json:
-            print(msgspec.json.encode(each).decode(), flush=True)
-            continue
-        plain, alone, said = (
-            f"{one.over_time:.1%}, not felt {one.below_threshold:.1%},"
-            f" {one.scans_above_pain} scans above pain"
-            for one in (each.plain, each.alone, each.said)
+def _shown(each: felt_laws.WithLaw, as_json: bool) -> felt_laws.WithLaw:
+    """As it comes: each takes minutes."""
+    if as_json:
+        print(msgspec.json.encode(each).decode(), flush=True)
+        return each
+    print(f"{each.body}, {each.law}, finger {each.seed} (modelled): {each.verdict}")
+    for name, one in (("nothing", each.plain), ("the law", each.alone), ("answers", each.said)):
+        print(
+            f"  {name}: {one.over_time:.1%}, not felt {one.below_threshold:.1%},"
+            f" {one.scans_above_pain} scans above pain",
+            flush=True,
         )
-        off = "not given up" if each.off_min is None else f"given up at {each.off_min:.0f} min"
-        print(f"{each.body}, {each.law}, finger {each.seed} (modelled): {off}")
-        print(f"  nothing: {plain}")
-        print(f"  the law: {alone}")
-        print(f"  with answers: {said}", flush=True)
+    return each
 
 
 if __name__ == "__main__":

@@ -24,11 +24,13 @@ from bench.felt_compared import (
     not_held,
 )
 from bench.felt_drift import COMMON, LEAST_SIZE, Drift
-from bench.felt_laws import with_law
+from bench.felt_laws import UNTOLD, WithLaw, with_law
 from bench.felt_person import ANSWERS_S, INSISTS_S, Manner, Person, times_wanted
 from bench.felt_play import Unsaid, finger_of, play, scans
 from bench.fresh_seeds import FELT, LOOKED_AT, STEADY, TESTED
 from bench.run import Bound
+from bench.steady_figures import SteadyFigures
+from bench.steady_laws import NONE
 from etd_body.kinds import BodyKind
 
 PAGE = Path(__file__).parents[2] / "docs" / "stabilization.md"
@@ -175,6 +177,21 @@ def test_who_insists_has_it_too_strong_for_less_of_the_time() -> None:
     patient = play(BodyKind.SUMMING, seed, Manner(right=1.0))
     insisting = play(BodyKind.SUMMING, seed, Manner(right=1.0, insists=True))
     assert insisting.too_strong < 0.7 * patient.too_strong
+
+
+def with_a_law(body: BodyKind, times: float, off_min: float | None) -> WithLaw:
+    plain = SteadyFigures(NONE, 2.0, 0.1, 0.1, 0.05, 0.0, 0, 0, 0.9, None, None, 0, 0, 0, 0, 1_000)
+    alone = replace(plain, over_time=times * plain.over_time)
+    return WithLaw(body, "energy", 1, plain, alone, alone, off_min)
+
+
+@pytest.mark.parametrize("body", BodyKind)
+def test_a_law_that_does_harm_is_given_up_or_it_is_known_not_to_be_told(body: BodyKind) -> None:
+    assert with_a_law(body, 1.19, None).is_held
+    assert with_a_law(body, 1.21, 6.0).is_held
+    unheeded = with_a_law(body, 1.21, None)
+    assert unheeded.is_held == (body in UNTOLD)
+    assert ("NOT MET" in unheeded.verdict) == (body not in UNTOLD)
 
 
 # --- persons -------------------------------------------------------------------------------------
