@@ -34,8 +34,8 @@ from bench.steady_laws import NONE
 from etd_body.kinds import BodyKind
 
 PAGE = Path(__file__).parents[2] / "docs" / "stabilization.md"
-#: The kinds whose thresholds move for minutes, all together: by use, and by sweat that stays.
-DRIFTING = (BodyKind.ADAPTING, BodyKind.SOAKING)
+#: The kind whose thresholds move for minutes, all together: by use.
+DRIFTING = (BodyKind.ADAPTING,)
 PLAIN = Figures(0.1, 0.0, 0.0, 0.0, 0.0)
 SHARED = Drift(COMMON, 0.4, 0.2, LEAST_SIZE, 0.5, 0.6, 0.7)
 EACH_ITS_OWN = replace(SHARED, drift=0.99 * COMMON)
