@@ -250,6 +250,12 @@ def last_us(rig: EngineRig) -> float:
     return [phase.width_us for phase in phases(rig) if phase.electrode == 4][-1]
 
 
+def say_once(rig: EngineRig, answer: str) -> None:
+    """As a first word, that takes little: another one goes before it, and the last one counts."""
+    say(rig, "good")
+    say(rig, answer)
+
+
 def test_a_law_that_goes_against_the_person_is_switched_off_until_the_lease_ends(
     make_rig: MakeRig,
 ) -> None:
@@ -257,11 +263,11 @@ def test_a_law_that_goes_against_the_person_is_switched_off_until_the_lease_ends
     wide_us = last_us(rig)
     assert wide_us > 1.2 * 100
     for _ in range(TOO_MANY - 1):
-        say(rig, "too_strong")
+        say_once(rig, "too_strong")
         hold(rig, 31_000)
     assert facts(rig).laws_off == ""
     assert last_us(rig) == pytest.approx(wide_us, abs=10)
-    say(rig, "too_strong")
+    say_once(rig, "too_strong")
     hold(rig, 3_000)
     assert "said the opposite" in facts(rig).laws_off
     assert last_us(rig) == pytest.approx(100, abs=2)
