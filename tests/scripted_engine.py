@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
+from etd.protocol.felt import FeltDone
 from etd.protocol.link import (
     Alive,
     Answer,
@@ -25,6 +26,7 @@ from etd.protocol.link import (
     NewFrame,
     OpenLease,
     Report,
+    SayFelt,
     SetMark,
     ToEngine,
     ToGateway,
@@ -95,6 +97,10 @@ def account(seq: int, **changes: Any) -> Account:
     return msgspec.structs.replace(made, **changes)
 
 
+#: As that of a body site that raises nothing.
+NOT_RAISED = FeltDone(did="nothing", reason="nothing is raised here")
+
+
 def full_answer(message: Command | NewFrame) -> Answer:
     """Yes to everything, with what each kind of answer has to carry."""
     if isinstance(message, NewFrame):
@@ -117,6 +123,9 @@ def full_answer(message: Command | NewFrame) -> Answer:
         return Answer(ref=message.ref, calibrations=taken)
     if isinstance(message, SetMark):
         return Answer(ref=message.ref, marked_ns=42, sync=False)
+    if isinstance(message, SayFelt):
+        did = FeltDone(did="lowered") if message.answer == "too_strong" else NOT_RAISED
+        return Answer(ref=message.ref, felt=did)
     return Answer(ref=message.ref)
 
 

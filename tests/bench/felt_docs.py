@@ -1,4 +1,4 @@
-"""What `make bench-felt` shows: its table in the terminal, and in docs/stabilization.md.
+"""What `make bench-felt` shows: its tables in the terminal, and in docs/stabilization.md.
 
 Owns: which figure stands where, and the part of the page between two marks, which nobody writes by
 hand. Must not know: how a figure is made, which bound a body has.
@@ -13,18 +13,17 @@ from textwrap import fill
 from rich.table import Table
 
 from bench import felt_harm
-from bench.felt_compared import Compared
+from bench.felt_compared import Compared, not_held
+from bench.run import Bound
 from bench.steady_docs import put
 
 BEGIN, END = "<!-- written by make bench-felt -->\n", "<!-- so far, felt -->\n"
+_SHIPS = "As it ships: answers lower, and give back what was lowered"
+_RAISING = "Where the body site lets answers raise (`felt_may_raise = true`)"
 
 
-def _times(each: Compared) -> str:
-    return f"{each.variation_times:.2f}"
-
-
-def _foreseen(each: Compared) -> str:
-    return "-" if each.foreseen_times is None else f"{each.foreseen_times:.2f}"
+def _times(times: float, each: Compared) -> str:
+    return f"**{times:.2f}**" if times > each.bound else f"{times:.2f}"
 
 
 def _pair(plain: float, said: float, digits: int = 0) -> str:
@@ -34,24 +33,22 @@ def _pair(plain: float, said: float, digits: int = 0) -> str:
 #: By the name of the row: what it says of a body.
 _ROWS: dict[str, Callable[[Compared], str]] = {
     "bound": lambda each: f"{each.bound:g}",
-    "variation, times that without answers": lambda each: (
-        f"**{_times(each)}**" if each.variation_times > each.bound else _times(each)
-    ),
-    "the worst of these fingers": lambda each: (
-        f"**{each.worst_times:.2f}**"
-        if each.worst_times > each.bound
-        else f"{each.worst_times:.2f}"
-    ),
-    "all known beforehand, each *too strong* heeded": _foreseen,
+    "variation, times that without answers": lambda each: _times(each.variation_times, each),
+    "the worst of these fingers": lambda each: _times(each.worst_times, each),
+    "the worst person": lambda each: _times(each.worst_person_times, each),
     "variation without, with": lambda each: _pair(each.plain.variation, each.said.variation),
     "not felt": lambda each: _pair(each.plain.not_felt, each.said.not_felt),
     "scans above pain": lambda each: (
         f"{each.plain.scans_above_pain:.0f}, {each.said.scans_above_pain:.0f}"
-        f"{' (excluded)' if felt_harm.excluded([each]) else ''}"
+        f"{' (excluded)' if felt_harm.is_out(each) else ''}"
     ),
     "too strong for them, of the time": lambda each: _pair(
         each.plain.too_strong, each.said.too_strong
     ),
+    "too weak": lambda each: _pair(each.plain.too_weak, each.said.too_weak),
+}
+#: Of the fingers without answers, so the same whether answers may raise or not.
+_DRIFT_ROWS: dict[str, Callable[[Compared], str]] = {
     "of the variance: drift, common to all": lambda each: f"{each.drift.drift:.0%}",
     "its size, of the current": lambda each: f"{100 * each.drift.size:.0f} %",
     "moments, common to all": lambda each: f"{each.drift.moments:.0%}",
@@ -62,19 +59,36 @@ _ROWS: dict[str, Callable[[Compared], str]] = {
 }
 
 
-def write(page: Path, found: Sequence[Compared], said: str, not_asked: Sequence[str]) -> None:
-    """Raises: ValueError, where the marks are not there."""
+def write(page: Path, found: Sequence[Compared], said: str, not_met: Sequence[Bound]) -> None:
+    """Both tables, and each bound that is not met. Raises: ValueError, where the marks are not
+    there.
+    """
+    ships = [each for each in found if not each.may_raise]
+    raising = [each for each in found if each.may_raise]
+    told = [
+        *(f"Not met: {bound.what}: {bound.value:g} (bound {bound.bound:g})." for bound in not_met),
+        *not_held(found),
+        *felt_harm.excluded(found),
+    ]
+    parts = [
+        f"\n{said[:1].upper()}{said[1:]}. {_SHIPS}:\n\n{_table(ships, _ROWS | _DRIFT_ROWS)}",
+        f"\n{_RAISING}:\n\n{_table(raising, _ROWS)}\n",
+        *(fill(f"- {each}", 118, subsequent_indent="  ") + "\n" for each in told),
+    ]
+    put(page, BEGIN, "".join(parts) + ("\n" if told else ""), END)
+
+
+def _table(found: Sequence[Compared], rows: dict[str, Callable[[Compared], str]]) -> str:
     head = f"| | {' | '.join(each.body.value for each in found)} |\n|---|{'---|' * len(found)}\n"
-    rows = "".join(f"| {name} | {' | '.join(map(row, found))} |\n" for name, row in _ROWS.items())
-    told = "".join(fill(f"- {each}", 118, subsequent_indent="  ") + "\n" for each in not_asked)
-    told = f"{told}\n" if told else ""
-    put(page, BEGIN, f"\n{said[:1].upper()}{said[1:]}:\n\n{head}{rows}\n{told}", END)
+    return head + "".join(
+        f"| {name} | {' | '.join(map(row, found))} |\n" for name, row in rows.items()
+    )
 
 
 def table(found: Sequence[Compared], title: str) -> Table:
     """A body to a line."""
     made = Table(title=title)
-    for heading in ("", "variation", "times", "worst", "bound", "foreseen"):
+    for heading in ("", "variation", "times", "finger", "person", "bound"):
         made.add_column(heading, justify="right")
     for heading in (
         "not felt",
@@ -92,10 +106,10 @@ def table(found: Sequence[Compared], title: str) -> Table:
         made.add_row(
             each.body.value,
             f"{said.variation:.1%} ({plain.variation:.1%})",
-            f"{'[red]' if each.variation_times > each.bound else ''}{_times(each)}",
+            f"{'[red]' if each.variation_times > each.bound else ''}{each.variation_times:.2f}",
             f"{each.worst_times:.2f}",
+            f"{each.worst_person_times:.2f}",
             f"{each.bound:g}",
-            _foreseen(each),
             f"{said.not_felt:.1%} ({plain.not_felt:.1%})",
             f"{said.scans_above_pain:.0f} ({plain.scans_above_pain:.0f})",
             f"{said.too_strong:.0%} ({plain.too_strong:.0%})",
@@ -103,9 +117,8 @@ def table(found: Sequence[Compared], title: str) -> Table:
             *(f"{it:.0%}" for it in (drift.drift, drift.size, drift.moments, drift.own)),
         )
     made.caption = (
-        "in brackets: without answers. Drift, moments: parts of the variance without answers that"
-        " are common to all electrodes; own: each one's. Size: of the drift, of the current that"
-        " would make up for it. Foreseen: variation, in times of that without answers, where all is"
-        " known beforehand and each too strong is heeded"
+        "in brackets: without answers. Finger, person: the worst of them. Drift, moments: parts of"
+        " the variance without answers that are common to all electrodes; own: each one's. Size: of"
+        " the drift, of the current that would make up for it"
     )
     return made

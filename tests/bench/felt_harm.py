@@ -1,10 +1,13 @@
 """Whether answers do harm: what is not felt, and what is above pain, beside nothing said.
 
-Owns: both bounds, and the bodies that the one of pain is not asked of, by name, and why. Must not
-know: how answers are heeded, how it is shown.
+Owns: both bounds, and the bodies that the one of pain is not asked of where answers may raise, by
+name, and why; the one of what is not felt is not asked of those of `felt_compared.LOWERED`. Must
+not know: how answers are heeded, how it is shown.
 
 The bounds are those of a law (`steady_harm`): 1.2 times what there is without, and nothing above
-pain where there is nothing without. The latter is asked of every body.
+pain where there is nothing without. What ships, where answers only lower and give back, is held to
+that of pain on every body. Where they may raise, the excluded bodies are why that is not how it
+ships.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf
 
-from bench.felt_compared import Compared, Figures
+from bench.felt_compared import LOWERED, Compared, Figures, raising
 from bench.run import Bound
 from bench.steady_harm import MOST_TIMES
 from etd_body.kinds import BodyKind
@@ -20,7 +23,8 @@ from etd_body.kinds import BodyKind
 #: A part of the scans that nobody tells from none, in 0.1 % [design].
 UNTOLD = 0.001
 _RAISED = "what is raised against it comes nearer to pain, which does not"
-#: Where scans above pain may be more than 1.2 times those without answers, and why.
+#: Where scans above pain may be more than 1.2 times those without answers if answers may raise, and
+#: why.
 EXCLUDED: dict[BodyKind, str] = {
     BodyKind.ADAPTING: f"touch adapts to use; {_RAISED}",
     BodyKind.TENDER: "pain begins just above the threshold; a common raise brings some over it",
@@ -30,24 +34,43 @@ EXCLUDED: dict[BodyKind, str] = {
 
 def bounds(found: Sequence[Compared]) -> list[Bound]:
     """What must hold, on every body but for the excluded ones."""
-    asked = [each for each in found if each.body not in EXCLUDED or not _is_above(each.plain)]
-    return [_not_felt(each) for each in found] + [_above_pain(each) for each in asked]
+    felt = [_not_felt(each) for each in found if each.body not in LOWERED]
+    return felt + [_above_pain(each) for each in found if not _is_excluded(each)]
 
 
 def excluded(found: Sequence[Compared]) -> list[str]:
-    """A sentence for each body that is out of the bound of pain, and excluded."""
-    return [
-        f"{each.body} is excluded: scans above pain are {each.said.scans_above_pain:.0f} with"
-        f" answers, {each.plain.scans_above_pain:.0f} without, which is more than"
-        f" {MOST_TIMES:g} times as many: {EXCLUDED[each.body]}."
+    """A sentence for each body that is out of a bound, and excluded."""
+    lowered = [
+        f"{each.body} is excluded{raising(each)}: not felt is {_not_felt_times(each):.1f} times as"
+        f" much as without answers: {LOWERED[each.body]}."
         for each in found
-        if each.body in EXCLUDED and _is_above(each.plain) and _pain_times(each) > MOST_TIMES
+        if each.body in LOWERED and _not_felt_times(each) > MOST_TIMES
+    ]
+    return lowered + [
+        f"{each.body} is excluded{raising(each)}: scans above pain are"
+        f" {each.said.scans_above_pain:.0f} with answers, {each.plain.scans_above_pain:.0f}"
+        f" without, which is more than {MOST_TIMES:g} times as many: {EXCLUDED[each.body]}."
+        for each in found
+        if is_out(each)
     ]
 
 
+def is_out(each: Compared) -> bool:
+    """Of the bound of pain, where it is not asked."""
+    return _is_excluded(each) and _pain_times(each) > MOST_TIMES
+
+
+def _is_excluded(each: Compared) -> bool:
+    return each.may_raise and each.body in EXCLUDED and _is_above(each.plain)
+
+
 def _not_felt(each: Compared) -> Bound:
-    times = each.said.not_felt / max(each.plain.not_felt, UNTOLD)
-    return _at_most(f"{each.body}: not felt, of nothing said", times)
+    what = f"{each.body}: not felt, of nothing said{raising(each)}"
+    return _at_most(what, _not_felt_times(each))
+
+
+def _not_felt_times(each: Compared) -> float:
+    return each.said.not_felt / max(each.plain.not_felt, UNTOLD)
 
 
 def _is_above(figures: Figures) -> bool:
@@ -55,7 +78,8 @@ def _is_above(figures: Figures) -> bool:
 
 
 def _above_pain(each: Compared) -> Bound:
-    return _at_most(f"{each.body}: scans above pain, of nothing said", _pain_times(each))
+    what = f"{each.body}: scans above pain, of nothing said{raising(each)}"
+    return _at_most(what, _pain_times(each))
 
 
 def _pain_times(each: Compared) -> float:

@@ -1,7 +1,7 @@
 """What a person says, together with a law by resistance: ten minutes through the real engine.
 
-Owns: the answers as requests of the lease's holder, and what became of the law. Must not know: how
-answers are heeded, when a law is given up.
+Owns: the answers as requests of the lease's holder, what became of the law, and that one that does
+harm must be given up. Must not know: how answers are heeded, when a law is given up.
 
 Eight electrodes at 5 Hz, which is slow enough that pulses do not add up to more than was wanted.
 """
@@ -16,9 +16,10 @@ import numpy as np
 from bench.felt_person import Manner, Person, times_wanted
 from bench.felt_play import ELECTRODES, LEVEL, MINUTES, wanted_of
 from bench.steady_figures import SteadyFigures, figures
+from bench.steady_harm import Harm, Pooled
 from bench.steady_laws import LAWS, NONE
 from bench.steady_run import Scan, run
-from bench.steady_skin import Finger
+from bench.steady_skin import CALIBRATED_S, Finger
 from engine_rig import LEASE, EngineRig
 from engine_scenes import states
 from etd.protocol.link import SayFelt
@@ -26,6 +27,9 @@ from etd_body.kinds import BodyKind
 
 RATE_HZ = 5.0
 _HEEDED_S = 5
+#: Where a law that does harm need not be given up, and why the person's word does not tell it.
+_UNEVEN = "single electrodes become uneven, and who answers for their mean calls that good"
+UNTOLD: dict[BodyKind, str] = {BodyKind.INDIFFERENT: _UNEVEN, BodyKind.DUCTS: _UNEVEN}
 
 
 class _Answers:
@@ -69,6 +73,23 @@ class WithLaw:
     said: SteadyFigures
     off_min: float | None
 
+    @property
+    def does_harm(self) -> bool:
+        """The law alone, by the bounds of laws."""
+        alone, plain = Pooled.of([self.alone]), Pooled.of([self.plain])
+        return Harm(self.body, self.law, alone, plain, 1).is_out
+
+    @property
+    def is_held(self) -> bool:
+        """A law that does harm is given up, but where that is known not to be told."""
+        return not self.does_harm or self.off_min is not None or self.body in UNTOLD
+
+    @property
+    def verdict(self) -> str:
+        harm = "does harm" if self.does_harm else "does no harm"
+        given_up = "not given up" if self.off_min is None else f"given up at {self.off_min:.0f} min"
+        return f"{harm}, {given_up}" + ("" if self.is_held else ": NOT MET")
+
 
 def with_law(
     body: BodyKind, law: str, seed: int, manner: Manner, minutes: float = MINUTES
@@ -91,6 +112,7 @@ def _played(
         electrodes=ELECTRODES,
         kind=body,
         rate_hz=RATE_HZ,
+        from_s=CALIBRATED_S,
         watching=None if answers is None else answers.watch,
     )
     return figures(law, [kept])

@@ -3,8 +3,10 @@
 Owns: the scans, whose factors the currents have, and when the person is asked. Must not know: how
 answers are heeded, what is made of what is felt.
 
-The pulses go straight to the body with the daemon's factors (`etd.stabilize.said`) and the caps of
-the calibration: no soft start, no ledger, no law. So ten minutes take a second or two.
+The ten minutes begin when the calibration does: the finger has lain for five minutes then, and is
+as it was when it was asked. The pulses go straight to the body with the daemon's factors
+(`etd.stabilize.said`) and the caps of the calibration: no soft start, no ledger, no law. So ten
+minutes take a second or two.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from bench import steady_skin
 from bench.felt_person import Manner, Person, times_wanted, wanted_strength
 from bench.steady_figures import SteadyFigures, figures
 from bench.steady_run import Kept
-from bench.steady_skin import WIDTH_US, Finger
+from bench.steady_skin import CALIBRATED_S, WIDTH_US, Finger
 from etd.files.configuration import fake_config
 from etd.stabilize.said import FeltOffsets
 from etd_body.interface import Side
@@ -55,9 +57,9 @@ class Unsaid:
 class Said:
     """The daemon's, by the answers of a person."""
 
-    def __init__(self, person: Person) -> None:
+    def __init__(self, person: Person, *, may_raise: bool) -> None:
         self._person = person
-        self._offsets = FeltOffsets(ELECTRODES)
+        self._offsets = FeltOffsets(ELECTRODES, may_raise=may_raise)
         self._next_ns = int(person.again_s("good") * 1e9)
 
     def of(self, electrode: int, now_ns: int) -> float:
@@ -85,20 +87,24 @@ class Played:
 
 
 def play(
-    kind: BodyKind, seed: int, manner: Manner | None, minutes: float = MINUTES, number: int = 0
+    kind: BodyKind,
+    seed: int,
+    manner: Manner | None,
+    minutes: float = MINUTES,
+    number: int = 0,
+    *,
+    may_raise: bool = False,
 ) -> Played:
-    """One finger; `manner` None: nobody says anything. `number`: which of its persons."""
-    if manner is None:
-        return play_with(kind, seed, "nothing said", Unsaid(), minutes)
-    return play_with(kind, seed, "said", Said(Person(manner, seed, number)), minutes)
-
-
-def play_with(kind: BodyKind, seed: int, name: str, factors: Factors, minutes: float) -> Played:
-    finger = finger_of(kind, seed, minutes)
-    kept, times = scans(finger, factors)
+    """One finger; `manner` None: nobody says anything. `number`: which of its persons. `may_raise`:
+    as the body site has it, for what is said.
+    """
+    factors: Factors = Unsaid()
+    if manner is not None:
+        factors = Said(Person(manner, seed, number), may_raise=may_raise)
+    kept, times = scans(finger_of(kind, seed, minutes), factors)
     judged = [Person(Manner(), seed).judges(value) for value in times]
     return Played(
-        figures(name, [kept]),
+        figures("nothing said" if manner is None else "said", [kept]),
         judged.count("too_strong") / len(judged),
         judged.count("too_weak") / len(judged),
     )
@@ -106,7 +112,9 @@ def play_with(kind: BodyKind, seed: int, name: str, factors: Factors, minutes: f
 
 def finger_of(kind: BodyKind, seed: int, minutes: float = MINUTES) -> Finger:
     loaded = fake_config(electrodes=ELECTRODES)
-    return steady_skin.finger(seed, loaded.board, loaded.array, minutes, None, kind)
+    return steady_skin.finger(
+        seed, loaded.board, loaded.array, minutes, None, kind, from_s=CALIBRATED_S
+    )
 
 
 def frame_ua(finger: Finger) -> Floats:

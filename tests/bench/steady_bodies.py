@@ -28,7 +28,7 @@ from rich.console import Console  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from bench import steady_docs, steady_opening  # noqa: E402
+from bench import fresh_seeds, steady_docs, steady_opening  # noqa: E402
 from bench.run import Bound  # noqa: E402
 from bench.steady_cells import KEPT, Cell, Form  # noqa: E402
 from bench.steady_exclusions import (  # noqa: E402
@@ -64,8 +64,6 @@ from bench.steady_laws import (  # noqa: E402
 from bench.steady_skin import PIECE_S  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 
-#: Fingers that nothing was tuned on, and those of the short form, which everybody looks at.
-SEEDS, LOOKED_AT = (901, 902), (31,)
 #: 64 electrodes for all of ten minutes cost three to five minutes of a processor for a law, a body
 #: and a finger: twelve hours in all. Eight pieces of 9.6 s, spread over the ten minutes, take an
 #: hour on two cores.
@@ -231,7 +229,7 @@ def main() -> int:
     )
     args = parser.parse_args()
     form = SHORT if args.short else FULL
-    seeds = args.seeds or list(LOOKED_AT if args.short else SEEDS)
+    seeds = args.seeds or list(fresh_seeds.TESTED if args.short else fresh_seeds.STEADY)
     all_laws = FOR_SHORT if args.short else FULL_LAWS
     only = args.only or list(all_laws)
     if args.write_docs and (set(all_laws) - set(only) or set(BodyKind) - set(args.bodies)):

@@ -8,7 +8,7 @@ The states are those of `etd.calibrate.fitting`, as `etd_body.states` has them. 
 threshold is the kind's; use raises it where the kind adapts. The person is the simulated one, who
 errs a little.
 
-    python tests/bench/steady_fit_own.py [--seeds 901 902]      prints the k of all bodies
+    python tests/bench/steady_fit_own.py [--seeds 7401 7402]      prints the k of all bodies
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ sys.path[:0] = [str(_TESTS)]
 
 import numpy as np  # noqa: E402
 
+from bench import fresh_seeds  # noqa: E402
 from bench.steady_skin import MOST_CAP_UA, RATE_HZ, WIDTH_US, body_of, calibrated, seen_ohm  # noqa: E402
 from etd.calibrate.conditions import Conditions  # noqa: E402
 from etd.calibrate.exponent import NoFit  # noqa: E402
@@ -183,7 +184,7 @@ def said(found: FittedExponent | str) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--seeds", type=int, nargs="+", default=[901, 902])
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(fresh_seeds.STEADY))
     parser.add_argument("--electrodes", type=int, default=64)
     asked = parser.parse_args()
     for kind in BodyKind:

@@ -153,13 +153,17 @@ def run(
     exponent: FittedExponent | None = ANYBODYS,
     rate_hz: float | None = None,
     watching: Watching | None = None,
+    from_s: float = steady_skin.FIRST_S,
 ) -> Kept:
     """All electrodes at the same level, all the time (None) or in so many pieces of it. `exponent`:
     what was found of the person; None: nothing. `rate_hz`: None is what it was calibrated at.
+    `from_s`: since the finger was laid on, where all of the time is played.
     """
     gc.set_threshold(_COLLECT_AFTER)
     loaded = loaded_with(settings, electrodes)
-    finger = steady_skin.finger(seed, loaded.board, loaded.array, minutes, pieces, kind)
+    finger = steady_skin.finger(
+        seed, loaded.board, loaded.array, minutes, pieces, kind, from_s=from_s
+    )
     made: list[_Scans] = []
 
     def watched(backend: Backend) -> Backend:

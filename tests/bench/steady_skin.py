@@ -110,9 +110,11 @@ def finger(
     minutes: float,
     count: int | None,
     kind: BodyKind | None = None,
+    *,
+    from_s: float = FIRST_S,
 ) -> Finger:
-    """`count` pieces, spread over the minutes; None is all of them. `kind`: None is the body that
-    the fake has.
+    """`count` pieces, spread over the minutes; None is all of them, from `from_s` on. `kind`: None
+    is the body that the fake has.
 
     Between pieces the skin's time runs on and the finger's use does not: it adapts so much faster
     that the pieces have the minutes' adaptation in the end.
@@ -121,7 +123,7 @@ def finger(
     calibration = calibrated(seed, board, array, kind)
     lasting_s = minutes * 60.0
     pieces = (
-        whole_of(attachment, lasting_s)
+        whole_of(attachment, lasting_s, from_s)
         if count is None
         else pieces_of(attachment, lasting_s, count)
     )
@@ -172,9 +174,9 @@ def pieces_of(attachment: Course, lasting_s: float, count: int) -> Pieces:
     return Pieces(tuple(_peeling_after(attachment, at_s) - BEFORE_S for at_s in starts))
 
 
-def whole_of(attachment: Course, lasting_s: float) -> Pieces:
-    """All of it, from the first peeling on."""
-    return Pieces((_peeling_after(attachment, FIRST_S) - BEFORE_S,), lasting_s)
+def whole_of(attachment: Course, lasting_s: float, from_s: float) -> Pieces:
+    """All of it, from the first peeling after `from_s` on."""
+    return Pieces((_peeling_after(attachment, from_s) - BEFORE_S,), lasting_s)
 
 
 def _peeling_after(attachment: Course, from_s: float) -> float:

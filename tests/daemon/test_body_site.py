@@ -20,6 +20,18 @@ def load(folder: Path, text: str) -> BodySite:
     return load_body_site(write(folder, "site.toml", text))
 
 
+@pytest.mark.parametrize("name", sorted(each.stem for each in (CONFIG / "bodysites").iterdir()))
+def test_no_shipped_site_lets_the_persons_word_raise(name: str) -> None:
+    assert not load_body_site(CONFIG / "bodysites" / f"{name}.toml").felt_may_raise
+
+
+def test_a_site_that_does_not_say_raises_nothing(tmp_path: Path) -> None:
+    lines = FINGERTIP.splitlines(keepends=True)
+    left = [line for line in lines if not line.startswith("felt_may_raise")]
+    assert len(left) == len(lines) - 1
+    assert not load(tmp_path, "".join(left)).felt_may_raise
+
+
 @pytest.mark.parametrize("name", ["fingertip", "forearm"])
 def test_the_shipped_sites_load_and_stay_within_the_yardstick(name: str) -> None:
     site = load_body_site(CONFIG / "bodysites" / f"{name}.toml")

@@ -110,6 +110,15 @@ def test_what_is_in_force_at_a_body_site_is_named(tmp_path: Path, table: str, to
     assert checked.summary.endswith(f"for 1 mm; {told}")
 
 
+def test_it_is_told_where_the_persons_word_may_raise(tmp_path: Path) -> None:
+    site = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")
+    assert "RAISE" not in check_file(write(tmp_path, "a.toml", site)).summary
+    site = site.replace("felt_may_raise = false", "felt_may_raise = true")
+    assert f"the person's word may RAISE levels, {NOT_RECOMMENDED}" in (
+        check_file(write(tmp_path, "b.toml", site)).summary
+    )
+
+
 def test_a_byte_order_mark_before_the_text_does_not_hide_the_kind(tmp_path: Path) -> None:
     assert check_file(write(tmp_path, "something", "\ufeff" + PATTERN)).kind == "pattern"
 

@@ -8,7 +8,7 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import MS, clamps, config, fully_open, only, phases, states
-from etd.stabilize.said import AGAIN_TIMES, LOWERED_UNASKED_BY
+from etd.stabilize.said import AT_ONCE_TIMES, LOWERED_BY
 from etd_hal.boardfile import EdgeInput
 
 pytestmark = pytest.mark.slow
@@ -41,7 +41,7 @@ def test_a_press_lowers_the_next_pulse_and_is_told(make_rig: MakeRig, edge: str)
     assert last_ua(rig) == pytest.approx(CURRENT_UA, abs=5)
     rig.fake.world.say_too_strong()
     hold(rig, 200)
-    assert last_ua(rig) == pytest.approx((1 - LOWERED_UNASKED_BY) * CURRENT_UA, abs=5)
+    assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * CURRENT_UA, abs=5)
     assert clamps(rig)[-1].reason == "felt"
     told = states(rig)[-1].felt
     assert told is not None
@@ -55,10 +55,10 @@ def test_a_press_that_bounces_counts_once_and_the_next_press_again(make_rig: Mak
     for at_ms in (1, 3, 8, 90):
         rig.fake.world.say_too_strong(now_ns + at_ms * MS, lasts_ns=MS // 2)
     hold(rig, 300)
-    assert last_ua(rig) == pytest.approx((1 - LOWERED_UNASKED_BY) * CURRENT_UA, abs=5)
+    assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * CURRENT_UA, abs=5)
     rig.fake.world.say_too_strong()
     hold(rig, 200)
-    lowered = (1 - LOWERED_UNASKED_BY) * (1 - AGAIN_TIMES * LOWERED_UNASKED_BY)
+    lowered = (1 - LOWERED_BY) * (1 - AT_ONCE_TIMES * LOWERED_BY)
     assert last_ua(rig) == pytest.approx(lowered * CURRENT_UA, abs=5), (
         "said again, four times as much"
     )
@@ -79,7 +79,7 @@ def test_what_it_took_comes_back_by_the_holders_word_alone(make_rig: MakeRig) ->
     rig = with_button(make_rig)
     rig.fake.world.say_too_strong(lasts_ns=50 * MS)
     hold(rig, 10_000, rate_hz=5.0)
-    assert last_ua(rig) == pytest.approx((1 - LOWERED_UNASKED_BY) * CURRENT_UA, abs=5)
+    assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * CURRENT_UA, abs=5)
 
 
 def test_a_board_without_one_has_nothing_to_press(make_rig: MakeRig) -> None:

@@ -24,7 +24,7 @@ from etd.protocol.messages import Limits, StateReport
 from etd.record.lines import Carried, Engine, LeaseBegun, Line, State
 from etd.replay.timeline import Timeline
 from gateway_rig import GatewayRig, ServedRig
-from scripted_engine import engine_hello
+from scripted_engine import NOT_RAISED, engine_hello
 
 
 def said(rig: Any) -> list[SayFelt]:
@@ -36,10 +36,12 @@ def test_a_program_with_the_lease_says_it_with_the_lease() -> None:
         ServedRig() as rig,
         Display(address=rig.address, max_current_ua=3_000, width_us=100, client="me") as display,
     ):
-        display.felt("too_strong")
+        lowered = display.felt("too_strong")
         display.arm()
-        display.felt("too_weak", electrodes=(0, 2))
+        asked = display.felt("too_weak", electrodes=(0, 2))
         first, second = said(rig)
+    assert (lowered.did, lowered.reason) == ("lowered", "")
+    assert (asked.did, asked.reason) == ("nothing", NOT_RAISED.reason)
     assert (first.lease, first.answer, first.electrodes) == (None, "too_strong", None)
     assert second.lease is not None
     assert (second.answer, second.electrodes) == ("too_weak", (0, 2))
@@ -50,7 +52,7 @@ def test_awaited_it_is_the_same() -> None:
         async with AsyncDisplay(
             address=address, max_current_ua=3_000, width_us=100, client="me"
         ) as display:
-            await display.felt("good", electrodes=[1])
+            assert (await display.felt("good", electrodes=[1])).did == "nothing"
 
     with ServedRig() as rig:
         asyncio.run(script(rig.address))
@@ -91,7 +93,7 @@ def test_numbers_of_an_array_name_electrodes() -> None:
 def test_a_token_that_holds_nothing_is_refused_and_none_may_lower() -> None:
     with GatewayRig() as rig:
         assert rig.call(op="felt", answer="too_weak", lease="no")["error"] == "no_lease"
-        assert rig.call(op="felt", answer="too_strong")["ok"]
+        assert rig.call(op="felt", answer="too_strong")["did"] == "lowered"
         assert rig.call(op="felt", answer="too_strong", electrodes=[])["error"] == "bad_message"
         assert rig.call(op="felt", answer="stronger")["error"] == "bad_message"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.felt_drift import course, drift, mean_of, parts
-from bench.steady_felt import LOOKED_AT
+from bench.fresh_seeds import TESTED
 from etd_body.kinds import BodyKind
 
 TEN_MINUTES = np.arange(750)
@@ -52,12 +52,12 @@ def test_a_contact_that_is_off_says_nothing() -> None:
 
 
 def test_taking_what_is_common_leaves_less() -> None:
-    (seed,) = LOOKED_AT
+    (seed,) = TESTED
     found = drift(BodyKind.ADAPTING, seed)
     assert found.left_moments < found.left_minutes < found.left_at_most < 1.0
 
 
 def test_of_several_fingers_it_is_the_mean() -> None:
-    (seed,) = LOOKED_AT
+    (seed,) = TESTED
     one, other = (drift(BodyKind.INDIFFERENT, number, 2.0) for number in (seed, seed + 1))
     assert mean_of([one, other]).own == pytest.approx((one.own + other.own) / 2.0)

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from bench import steady_bodies, steady_docs, steady_opening
-from bench.steady_bodies import FULL, FULL_LAWS, LOOKED_AT, SHORT, judged, write_docs
+from bench.fresh_seeds import TESTED
+from bench.steady_bodies import FULL, FULL_LAWS, SHORT, judged, write_docs
 from bench.steady_cells import Form, played_by
 from bench.steady_exclusions import (
     FILE,
@@ -133,7 +134,7 @@ def test_a_form_writes_its_table_the_exclusions_and_what_both_files_open_with(
     much = replace(PLAIN, over_time=9.0)
     found = {(body, NONE, seed): PLAIN for body, seed in product(BodyKind, (1, 2))}
     found |= {(body, CONTACT, seed): replace(much, name=CONTACT) for body, _, seed in found}
-    said = steady_bodies.conditions(form, LOOKED_AT, 40, 40)
+    said = steady_bodies.conditions(form, TESTED, 40, 40)
     fingers = worst_fingers(found)
     write_docs(page, readme, form.name, harms(found), said, fingers, KNOWN)
     written = page.read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 
 from bench.steady_figures import figures
 from bench.steady_run import Kept
-from bench.steady_skin import BEFORE_S, PIECE_S, SETTLING_S, Pieces, pieces_of, whole_of
+from bench.steady_skin import BEFORE_S, FIRST_S, PIECE_S, SETTLING_S, Pieces, pieces_of, whole_of
 from etd_body.course import Course, Script
 
 SCANS = 41
@@ -125,7 +125,7 @@ def test_pieces_run_from_a_moment_before_each_peeling_and_hold_the_skin_before_t
 
 def test_the_whole_is_one_piece_from_the_first_peeling_on() -> None:
     course = Course(Script(peels_per_min=6.0), [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0)], seed=3)
-    whole = whole_of(course, 60.0)
+    whole = whole_of(course, 60.0, FIRST_S)
     assert whole.starts_s == pieces_of(course, 60.0, 3).starts_s[:1]
     at_s = [whole.at(elapsed_s)[0] for elapsed_s in (0.0, SETTLING_S, whole.engine_s - 1e-6)]
     assert at_s == pytest.approx([whole.starts_s[0], whole.starts_s[0], whole.starts_s[0] + 60.0])

@@ -36,6 +36,7 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.facts import RecordFacts
 from etd.protocol.messages import (
+    FeltReply,
     FrameReply,
     HelloReply,
     MarkReply,
@@ -259,9 +260,9 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         """See `Display.mark`."""
         return await self._run(self._session.mark(tag))
 
-    async def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> None:
+    async def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> FeltReply:
         """See `Display.felt`."""
-        await self._run(self._session.felt(answer, electrodes))
+        return await self._run(self._session.felt(answer, electrodes))
 
     async def note(self, text: str) -> None:
         """A remark in the record that is being written, if it is this user's. Raises: Refused

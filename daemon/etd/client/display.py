@@ -37,6 +37,7 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.facts import RecordFacts
 from etd.protocol.messages import (
+    FeltReply,
     FrameReply,
     HelloReply,
     MarkReply,
@@ -276,16 +277,19 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """
         return self._run(self._session.mark(tag))
 
-    def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> None:
+    def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> FeltReply:
         """What the person says of the strength: "too_weak", "good" or "too_strong", of these
-        electrodes or of all (None). Too strong lowers at once: by 1.25 %, by 5 % where it names
-        electrodes or comes from a program without the lease; said again of the same within half a
-        minute, by four times as much as the time before. Too weak raises levels, by at most 5 % a
-        minute and 20 % in all. What was said is gone when the board is disarmed. A program that
-        does not hold the lease can only lower. Raises: Refused (`not_armed`, `other_lease`,
-        `no_lease`; `wrong_state`: not fired in the last minute; `bad_message`).
+        electrodes or of all (None). Too strong lowers at once by 5 %; said again of the same within
+        half a minute by four times as much as the time before, within three minutes by twice as
+        much, at most half. Good and too weak give that back, by at most 5 % a minute. Too weak
+        raises levels above the frame's own, as slowly and by 20 % in all, only where the body site
+        allows it (`facts.felt_may_raise`; no shipped one does). What was said is gone when the
+        board is disarmed. A program that does not hold the lease can only lower. `did` of the
+        reply: "lowered", "gives_back", "raises" or "nothing"; `reason`: why too weak did no more.
+        Raises: Refused (`not_armed`, `other_lease`, `no_lease`; `wrong_state`: not fired in the
+        last minute; `bad_message`).
         """
-        self._run(self._session.felt(answer, electrodes))
+        return self._run(self._session.felt(answer, electrodes))
 
     def note(self, text: str) -> None:
         """A remark in the record that is being written, if it is this user's. Raises: Refused

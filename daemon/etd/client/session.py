@@ -31,6 +31,7 @@ from etd.protocol.messages import (
     ArmReply,
     CalibrationReply,
     Failure,
+    FeltReply,
     FrameReply,
     HelloReply,
     Id,
@@ -195,12 +196,12 @@ class Session:
         reply: MarkReply = yield self._ask("mark", {"lease": self._held_lease(), "tag": given})
         return reply
 
-    def felt(self, answer: str, electrodes: Iterable[int] | None) -> Flow[Success]:
+    def felt(self, answer: str, electrodes: Iterable[int] | None) -> Flow[FeltReply]:
         """With the program's lease where it holds one; without one it can only lower."""
         given = values.felt(answer, electrodes)
         if self.lease is not None:
             given["lease"] = self.lease
-        reply: Success = yield self._ask("felt", given)
+        reply: FeltReply = yield self._ask("felt", given)
         return reply
 
     def frame(

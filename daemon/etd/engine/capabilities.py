@@ -33,6 +33,7 @@ def engine_hello(
         default_polarity=defaults.polarity,
         shape=loaded.body_site.stabilize.shape,
         stabilizers=loaded.body_site.stabilize.order,
+        felt_may_raise=loaded.body_site.felt_may_raise,
         digests=loaded.digests,
     )
 

@@ -16,6 +16,7 @@ from etd.protocol.calibration import Calibration
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal, Refused, halted
 from etd.protocol.exponent import check_exponent, no_exponent
+from etd.protocol.felt import FeltDone
 from etd.protocol.frame import check_shape
 from etd.protocol.link import (
     Alive,
@@ -105,7 +106,7 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             _holder(core, token)
             return _mark(core, command)
         case SayFelt():
-            _hear(core, command)
+            return Answer(ref=command.ref, felt=_hear(core, command))
         case AskAccount(lease=token):
             # Also when it has ended: what a stop cut short is asked for after it.
             if token != core.reporter.accounts.lease:
@@ -202,7 +203,7 @@ def _begin_lease(
     return Answer(ref=command.ref, calibrations=told)
 
 
-def _hear(core: Supervisor, said: SayFelt) -> None:
+def _hear(core: Supervisor, said: SayFelt) -> FeltDone:
     """Who holds the lease may say all, anybody else only that it is too strong."""
     core.states.check_not_halted()
     if said.lease is not None:
@@ -217,8 +218,9 @@ def _hear(core: Supervisor, said: SayFelt) -> None:
         )
     core.states.need("ARMED")
     now_ns = core.clock.now_ns()
-    core.feeling.hear(said, now_ns)
+    done = core.feeling.hear(said, now_ns)
     core.report_state(now_ns)
+    return done
 
 
 def hear_button(core: Supervisor) -> None:

@@ -118,7 +118,7 @@ def components_of(
     ahead = PreProbe(electrodes, contact, impedance)
     if stabilizers is None:
         stabilizers = pipeline(loaded.body_site.stabilize, source, reporter.rejected)
-    feeling = Feeling(electrodes)
+    feeling = Feeling(electrodes, may_raise=loaded.body_site.felt_may_raise)
     adapter = StimulusAdapter(
         stabilizers,
         contact,

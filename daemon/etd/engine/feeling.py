@@ -10,14 +10,22 @@ import math
 from collections.abc import Sequence
 
 from etd.protocol.errors import Refused
-from etd.protocol.felt import HARDLY_ANYTHING, FeltFacts
+from etd.protocol.felt import HARDLY_ANYTHING, FeltDone, FeltFacts
 from etd.protocol.link import SayFelt
 from etd.stabilize.law_watch import LAST, LawWatch
 from etd.stabilize.offset_estimate import Answer
-from etd.stabilize.said import FeltOffsets
+from etd.stabilize.said import FeltOffsets, Followed
 
 #: Currents are whole microamperes: a pulse with this part of what laws asked is what they asked.
 _NEARLY = 0.98
+_GIVES_BACK = (
+    "what was lowered comes back, by at most 5 % a minute, and no more than that"
+    " (felt_may_raise = false in the body site)"
+)
+_NOT_RAISED = (
+    "nothing is lowered that could come back, and nothing is raised above the frame's own strength"
+    " (felt_may_raise = false in the body site): show a higher level, within its caps"
+)
 
 
 class Feeling:
@@ -25,12 +33,15 @@ class Feeling:
     stay so until the lease ends.
     """
 
-    def __init__(self, electrodes: int) -> None:
+    def __init__(self, electrodes: int, *, may_raise: bool) -> None:
+        """`may_raise`: whether a level may get more than the frame's own, by the person's word."""
         self._count = electrodes
-        self._offsets = FeltOffsets(electrodes)
+        self._may_raise = may_raise
+        self._offsets = FeltOffsets(electrodes, may_raise=may_raise)
         self._watch = LawWatch()
         self._gave = [1.0] * electrodes
         self._fired = [1.0] * electrodes
+        self._word = [1.0] * electrodes
         self._answers = 0
         self._last: tuple[int, SayFelt] | None = None
         #: Why laws by resistance are off; empty: they are not.
@@ -42,6 +53,7 @@ class Feeling:
         self._answers, self._last = 0, None
         self._gave = [1.0] * self._count
         self._fired = [1.0] * self._count
+        self._word = [1.0] * self._count
 
     def lease_begun(self) -> None:
         """Perhaps another person's: laws are judged anew."""
@@ -53,8 +65,9 @@ class Feeling:
 
     def fired(self, electrode: int, part: float, now_ns: int) -> None:
         """A pulse of a frame was fired, with this part of the frame's charge."""
-        self._offsets.fired(electrode, now_ns)
+        self._word[electrode] = min(1.0, self._offsets.factor(electrode))
         self._fired[electrode] = part
+        self._offsets.fired(electrode, now_ns)
 
     def laws_gave(self, electrode: int, factor: float) -> None:
         """What laws made of the charge of its next pulse, in times of the frame's."""
@@ -80,18 +93,29 @@ class Feeling:
 
     # --- answers -----------------------------------------------------------------------------
 
-    def hear(self, said: SayFelt, now_ns: int) -> None:
+    def hear(self, said: SayFelt, now_ns: int) -> FeltDone:
         """Raises: Refused, and nothing changes."""
         self._check(said, now_ns)
         about = self._felt_of(said.electrodes, now_ns)
         if said.lease is not None and about:
             self._judge_laws(said.answer, about, now_ns)
+        did: Followed = "lowered"
         if said.lease is None:
             self._offsets.lower(said.electrodes, now_ns)
         else:
-            self._offsets.hear(said.answer, said.electrodes, now_ns)
+            did = self._offsets.hear(said.answer, said.electrodes, now_ns)
         self._answers += 1
         self._last = now_ns, said
+        return FeltDone(did=did, reason=self._why_no_more(said.answer, did))
+
+    def _why_no_more(self, answer: Answer, did: Followed) -> str:
+        if answer != "too_weak" or did not in ("gives_back", "nothing"):
+            return ""
+        if not self._may_raise:
+            return _NOT_RAISED if did == "nothing" else _GIVES_BACK
+        if did == "gives_back":
+            return ""
+        return "it stays: this high already, or what was said before speaks against more"
 
     def _check(self, said: SayFelt, now_ns: int) -> None:
         for electrode in said.electrodes or ():
@@ -134,12 +158,14 @@ class Feeling:
             )
 
     def _by_laws(self, electrode: int) -> float:
-        """What laws gave of its last pulse and limits left of it; what was taken by a word, a cap
-        or the soft start is not theirs.
+        """What laws gave of its last pulse and limits left of it. What a cap or the soft start took
+        is not theirs; nor what a word took, where the next one asks for more. Where it says that
+        even so it is too strong, what laws add is against it.
         """
         gave, fired = self._gave[electrode], self._fired[electrode]
         if gave > 1.0:
-            return max(1.0, min(gave, fired))
+            word = self._word[electrode]
+            return max(1.0, min(gave, fired / word if word > 0.0 else gave))
         return gave if fired >= _NEARLY * gave else 1.0
 
     # --- reports -----------------------------------------------------------------------------

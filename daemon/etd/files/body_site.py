@@ -89,6 +89,8 @@ class BodySite(Strict, frozen=True):
     contact: SiteContact
     #: What may ask for more or less of a pulse; by default nothing does.
     stabilize: Settings = NO_STABILIZERS
+    #: Whether what the person says may raise a level above the frame's own (`stabilize/said.py`).
+    felt_may_raise: bool = False
 
 
 def yardstick_nc(diameter_mm: float) -> float:

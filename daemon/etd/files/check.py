@@ -162,9 +162,18 @@ def _body_site(path: Path) -> Answer:
         f"{site.maxima.uncalibrated_current_ua} uA until calibrated, then"
         f" {site.maxima.current_ua} uA; {site.maxima.charge_nc} nC a phase, {side} the yardstick"
         f" of about {round(line_nc, -1):.0f} nC for {site.electrode_diameter_mm:g} mm;"
-        f" {_stabilized(site.stabilize)}"
+        f" {_stabilized(site.stabilize)}{_raised(site)}"
     )
     return site.name, summary, ()
+
+
+def _raised(site: BodySite) -> str:
+    if not site.felt_may_raise:
+        return ""
+    return (
+        "; the person's word may RAISE levels, NOT recommended (harm on some modelled bodies,"
+        " docs/stabilization.md)"
+    )
 
 
 def _stabilized(settings: Settings) -> str:

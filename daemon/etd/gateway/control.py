@@ -210,7 +210,7 @@ class ControlHandler:
             electrodes=request.electrodes,
             lease=lease,
         )
-        return self._sent(command)
+        return self._sent(command, replies.heard)
 
     def _account(self, request: AccountOf, inbound: InboundMessage) -> _Sent:
         """Also of the lease that ended last: what was fired until then can still be asked for."""

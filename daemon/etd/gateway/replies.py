@@ -20,6 +20,7 @@ from etd.protocol.messages import (
     VERSION,
     AccountReply,
     ArmReply,
+    FeltReply,
     FrameReply,
     HelloReply,
     LeaseReply,
@@ -88,6 +89,12 @@ def marked(answer: Answer) -> MarkReply:
     """Raises: Refused (`engine_gone`) for an incomplete answer."""
     marked_ns = _there(answer.marked_ns, "marked_ns")
     return MarkReply(ok=True, now_ns=0, marked_ns=marked_ns, sync=answer.sync)
+
+
+def heard(answer: Answer) -> FeltReply:
+    """Raises: Refused (`engine_gone`) for an incomplete answer."""
+    felt = _there(answer.felt, "felt")
+    return FeltReply(ok=True, now_ns=0, did=felt.did, reason=felt.reason)
 
 
 def accounted(answer: Answer) -> AccountReply:

@@ -172,7 +172,7 @@ class Headroom:
         if gain.charge != 1.0:
             most_pc = max(charge_pc, min(int(charge_pc * gain.charge), kind.allowed_pc))
         raised_ua = raised_pc = 0
-        if kind.is_level:
+        if kind.is_level and self._rules.site.felt_may_raise:
             # A word of the person's raises a level, and never a current that the frame names.
             raised_ua = min(int(most_ua * MOST), self._rules.maxima.current_ua)
             raised_pc = min(int(most_pc * MOST), kind.allowed_pc)

@@ -1,6 +1,6 @@
-"""What the person said of the strength, and what followed from it, as the state report tells it.
+"""What the person said of the strength, and what followed, as reply and state report tell it.
 
-Owns: this struct, and the form of a list of electrodes. Must not know: sockets, how an answer is
+Owns: these structs, and the form of a list of electrodes. Must not know: sockets, how an answer is
 heeded.
 """
 
@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from etd.protocol.frame import MAX_ELECTRODES
 from etd.stabilize.offset_estimate import Answer
+from etd.stabilize.said import Followed
 
 #: Electrodes that an answer is about.
 Named = Annotated[
@@ -22,6 +23,16 @@ Named = Annotated[
 
 #: A factor that rises by 5 % a minute does not come back from below this within an hour.
 HARDLY_ANYTHING = 0.05
+
+
+class FeltDone(msgspec.Struct, frozen=True, kw_only=True):
+    """What an answer did: `lowered` at once; `gives_back`: what was lowered comes back, by at most
+    5 % a minute; `raises`: the same, above the frame's own strength; `nothing`. `reason`: why it
+    did not do more, where more was asked for.
+    """
+
+    did: Followed
+    reason: str = ""
 
 
 class FeltFacts(msgspec.Struct, frozen=True, kw_only=True):

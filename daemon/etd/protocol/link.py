@@ -25,6 +25,7 @@ from msgspec import Meta
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
+from etd.protocol.felt import FeltDone
 from etd.protocol.frame import ClientName, Frame, MarkTag, Polarity
 from etd.protocol.messages import (
     Contact,
@@ -172,6 +173,7 @@ class EngineHello(_Message, frozen=True, kw_only=True):
     default_polarity: Polarity
     shape: Shape = PLAIN
     stabilizers: tuple[str, ...] = ()
+    felt_may_raise: bool = False
     #: SHA-256 of each file of the configuration, by what it describes.
     digests: dict[str, str] = {}
 
@@ -191,6 +193,7 @@ class Answer(_Message, frozen=True, kw_only=True):
     slowed: tuple[Shortfall, ...] = ()
     contact: Contact | None = None
     account: Account | None = None
+    felt: FeltDone | None = None
     marked_ns: int | None = None
     sync: bool = False
     trigger_ns: int | None = None

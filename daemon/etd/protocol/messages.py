@@ -26,6 +26,7 @@ from etd.protocol.scan import Scan as Scan
 from etd.protocol.scan import Shown as Shown
 from etd.pulse.measured import ContactState as ContactState
 from etd.stabilize.offset_estimate import Answer
+from etd.stabilize.said import Followed
 from etd.stabilize.shape import PLAIN, Shape
 
 VERSION = 1
@@ -213,6 +214,8 @@ class HelloReply(Success, frozen=True, kw_only=True):
     shape: Shape = PLAIN
     #: The stabilizers of the body site, in their order.
     stabilizers: tuple[str, ...] = ()
+    #: Whether *too weak* may raise a level above the frame's own, by the body site.
+    felt_may_raise: bool = False
     #: SHA-256 of each file of the configuration, by what it describes.
     digests: dict[str, str] = {}
     default_calibration: str | None
@@ -272,6 +275,13 @@ class MeasureReply(Success, frozen=True, kw_only=True):
 class MarkReply(Success, frozen=True, kw_only=True):
     marked_ns: int
     sync: bool
+
+
+class FeltReply(Success, frozen=True, kw_only=True):
+    """`did`: what the answer did (`FeltDone`); `reason`: why it did not do more."""
+
+    did: Followed
+    reason: str = ""
 
 
 class AccountReply(Success, frozen=True, kw_only=True):
@@ -407,7 +417,7 @@ REPLY_OF_OP: dict[str, Any] = {
     "clear": Success,
     "measure": MeasureReply,
     "mark": MarkReply,
-    "felt": Success,
+    "felt": FeltReply,
     "account": AccountReply,
     "calibration": CalibrationReply,
     "record": RecordReply,

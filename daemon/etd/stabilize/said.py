@@ -3,14 +3,14 @@
 Owns: the rules below, electrode by electrode. Must not know: limits, laws, clocks, who says it: who
 may raise is decided by the caller. It is a request like any other: the limits come after it.
 
-- *too strong* lowers at once: every electrode, or those that are named. A single answer of the
-  lease's holder about all electrodes takes little, because it may be an error; one about named
-  electrodes, and one of a button or a program without the lease (`lower`), takes more. Repeated
-  within half a minute it takes four times as much as the time before, at most half. Repetition is
-  counted for each electrode, and once more for all together: an answer about one electrode is no
-  repetition of an answer about another.
+- *too strong* lowers at once: every electrode, or those that are named, whoever says it. Repeated
+  within half a minute it takes four times as much as the time before, within three minutes twice as
+  much unless the holder said something else since, at most half. Repetition is counted for each
+  electrode, and once more for all together: an answer about one electrode is no repetition of an
+  answer about another.
 - *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
-  minute within the minute that follows, and never above 1.2.
+  minute within the minute that follows. Only what was lowered comes back so; where raising is
+  allowed, *too weak* takes it above the frame's own, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
   from the frame's own strength; a deeper one only as far as the estimate rises.
 - *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Literal
 
 from etd.stabilize.offset_estimate import BAND, Answer, OffsetEstimate
 
@@ -36,32 +36,52 @@ FELT_NS: Final = 60_000_000_000
 #: The most that a factor reaches, and by how much it rises in a minute.
 MOST: Final = 1.2
 RISE_A_MINUTE: Final = 1.05
-#: What *too strong* takes at once: as an answer of the holder about all; of named electrodes, or
-#: without the lease. So many times as much where it is said again so soon; the most.
-LOWERED_BY: Final = 0.0125
-LOWERED_UNASKED_BY: Final = 0.05
-AGAIN_TIMES: Final = 4.0
-AGAIN_NS: Final = 30_000_000_000
+#: What *too strong* takes at once. So many times as much as the time before it takes where it is
+#: said again within minutes, and where it is said again at once; the most.
+LOWERED_BY: Final = 0.05
+AGAIN_TIMES: Final = 2.0
+AGAIN_NS: Final = 180_000_000_000
+AT_ONCE_TIMES: Final = 4.0
+AT_ONCE_NS: Final = 30_000_000_000
 MOST_LOWERED_BY: Final = 0.5
 _MOST_LOG: Final = math.log(MOST)
 _RISE_PER_NS: Final = math.log(RISE_A_MINUTE) / 60e9
 
+#: What an answer did, of the electrodes that it is about: it lowered some; it lets what was lowered
+#: come back; it lets some rise above the frame's own strength; nothing.
+Followed = Literal["lowered", "gives_back", "raises", "nothing"]
+
 
 class _Insisting:
-    """What the last *too strong* about the same took, and until when another one takes more."""
+    """What the last *too strong* about the same took, when it was said, and whether the lease's
+    holder has said something else since.
+    """
 
-    __slots__ = ("_again_ns", "_took")
+    __slots__ = ("_is_contradicted", "_said_ns", "_took")
 
     def __init__(self) -> None:
         self._took = 0.0
-        self._again_ns = 0
+        self._said_ns: int | None = None
+        self._is_contradicted = False
 
-    def takes(self, first: float, now_ns: int) -> float:
-        """The part of the current that one takes now: `first`, or more."""
-        again = AGAIN_TIMES * self._took if now_ns <= self._again_ns else 0.0
-        self._took = min(max(first, again), MOST_LOWERED_BY)
-        self._again_ns = now_ns + AGAIN_NS
+    def takes(self, now_ns: int) -> float:
+        """The part of the current that one takes now."""
+        self._took = min(max(LOWERED_BY, self._times(now_ns) * self._took), MOST_LOWERED_BY)
+        self._said_ns, self._is_contradicted = now_ns, False
         return self._took
+
+    def _times(self, now_ns: int) -> float:
+        """What was taken the last time."""
+        since_ns = math.inf if self._said_ns is None else now_ns - self._said_ns
+        if since_ns <= AT_ONCE_NS:
+            return AT_ONCE_TIMES
+        return AGAIN_TIMES if since_ns <= AGAIN_NS and not self._is_contradicted else 0.0
+
+    def contradict(self) -> None:
+        """*Good* or *too weak*: the next *too strong* is a first one, unless it comes at once, as
+        that of a wearer who presses while a program says something else.
+        """
+        self._is_contradicted = True
 
 
 class _Electrode:
@@ -103,18 +123,20 @@ class _Electrode:
             self.offset = min(self.target, self.offset + _RISE_PER_NS * elapsed_ns)
         self.at_ns = now_ns
 
-    def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool) -> None:
-        """Down at once, where it may go down, and up from now on."""
+    def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool, may_raise: bool) -> float:
+        """Down at once, where it may go down, and up from now on. Returns where it was."""
         self._rise(now_ns)
+        before = self.offset
         if wanted < 0.0 and self.offset >= -BAND:
             wanted = 0.0
         least = self.offset if is_weak else min(self.offset, 0.0)
         self.has_weak = self.has_weak or is_weak
         # An estimate may lie above 0 without it: a fall of one electrode, taken back for all.
-        most = _MOST_LOG if self.has_weak else 0.0
+        most = _MOST_LOG if self.has_weak and may_raise else 0.0
         wanted = min(max(wanted, least), most)
         self.offset = min(self.offset, wanted)
         self.target, self.until_ns = wanted, now_ns + FELT_NS
+        return before
 
     def lower_to(self, wanted: float) -> None:
         """At once, and nothing rises until the next word."""
@@ -122,9 +144,12 @@ class _Electrode:
 
 
 class FeltOffsets:
-    """For all electrodes of an array; factors are 1 until somebody says something."""
+    """For all electrodes of an array; factors are 1 until somebody says something. `may_raise`:
+    whether any may go above 1; otherwise what was lowered comes back, and no more.
+    """
 
-    def __init__(self, electrodes: int) -> None:
+    def __init__(self, electrodes: int, *, may_raise: bool) -> None:
+        self._may_raise = may_raise
         self._electrodes = [_Electrode() for _ in range(electrodes)]
         self._common = OffsetEstimate()
         self._insisting = _Insisting()
@@ -147,7 +172,9 @@ class FeltOffsets:
             found.fired(now_ns)
 
     def factor(self, electrode: int) -> float:
-        """On the current that is requested: at most `MOST`; as of its last pulse."""
+        """On the current that is requested: at most `MOST`, and 1 where raising is not allowed; as
+        of its last pulse.
+        """
         return 1.0 if self.is_idle else math.exp(self._electrodes[electrode].offset)
 
     def factors(self) -> tuple[float, ...]:
@@ -168,34 +195,47 @@ class FeltOffsets:
             ]
         )
 
-    def hear(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        """The word of who may raise: about these electrodes, or None: all in common. Of those it
-        is about, only such as were fired in the last minute can rise.
+    def hear(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> Followed:
+        """The word of the lease's holder: about these electrodes, or None: all in common. Of those
+        it is about, only such as were fired in the last minute can rise.
         """
         if answer == "too_strong":
-            self._take(LOWERED_BY if electrodes is None else LOWERED_UNASKED_BY, electrodes, now_ns)
-            return
+            self.lower(electrodes, now_ns)
+            return "lowered"
         self.is_idle = False
         self._estimate(answer, electrodes, now_ns)
         for electrode in self._those(electrodes):
-            if electrode.was_felt(now_ns):
-                wanted = self._wanted(electrode, now_ns)
-                electrode.let_go_to(wanted, now_ns, is_weak=answer == "too_weak")
+            electrode.insisting.contradict()
+        if electrodes is None:
+            self._insisting.contradict()
+        felt = [each for each in self._those(electrodes) if each.was_felt(now_ns)]
+        is_lowered = False
+        for electrode in felt:
+            before = electrode.let_go_to(
+                self._wanted(electrode, now_ns),
+                now_ns,
+                is_weak=answer == "too_weak",
+                may_raise=self._may_raise,
+            )
+            is_lowered = is_lowered or electrode.offset < before
+        rising = [each.target for each in felt if each.target > each.offset]
+        if is_lowered:
+            return "lowered"
+        if not rising:
+            return "nothing"
+        return "raises" if max(rising) > 0.0 else "gives_back"
 
     def lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        """*Too strong*, by a button or by a program without the lease."""
-        self._take(LOWERED_UNASKED_BY, electrodes, now_ns)
-
-    def _take(self, first: float, electrodes: Sequence[int] | None, now_ns: int) -> None:
+        """*Too strong*, by whomever: the holder, a button, a program without the lease."""
         self.is_idle = False
         self._estimate("too_strong", electrodes, now_ns)
         if electrodes is None:
-            step = math.log(1.0 - self._insisting.takes(first, now_ns))
+            step = math.log(1.0 - self._insisting.takes(now_ns))
             for electrode in self._electrodes:
                 electrode.lower_to(electrode.offset + step)
             return
         for electrode in self._those(electrodes):
-            step = math.log(1.0 - electrode.insisting.takes(first, now_ns))
+            step = math.log(1.0 - electrode.insisting.takes(now_ns))
             electrode.lower_to(electrode.offset + step)
 
     def _estimate(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
