@@ -13,13 +13,9 @@ from hypothesis import strategies as st
 from etd.stabilize.offset_estimate import BAND, Answer, OffsetEstimate
 from etd.stabilize.said import (
     AGAIN_NS,
-    AGAIN_TIMES,
-    AT_ONCE_NS,
-    AT_ONCE_TIMES,
     FELT_NS,
     LOWERED_BY,
     MOST,
-    MOST_LOWERED_BY,
     RISE_A_MINUTE,
     FeltOffsets,
 )
@@ -219,34 +215,6 @@ def test_a_first_word_of_one_electrode_takes_the_same_whatever_was_said_of_other
     assert played.offsets.factor(about) == pytest.approx((1.0 - LOWERED_BY) * before)
 
 
-def test_each_of_eight_electrodes_said_once_is_lowered_once() -> None:
-    offsets = FeltOffsets(8, may_raise=True)
-    for electrode in range(8):
-        offsets.fired(electrode, 0)
-    for electrode in range(8):
-        offsets.hear("too_strong", (electrode,), 4 * electrode * S)
-    assert offsets.factors() == pytest.approx((1.0 - LOWERED_BY,) * 8)
-
-
-def test_words_of_all_are_insisted_on_apart_from_words_of_one() -> None:
-    offsets = FeltOffsets(2, may_raise=True)
-    offsets.hear("too_strong", (0,), 0)
-    offsets.hear("too_strong", None, 1 * S)
-    offsets.hear("too_strong", (0,), 2 * S)
-    offsets.hear("too_strong", None, 3 * S)
-    common = (1.0 - LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
-    own = (1.0 - LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
-    assert offsets.factors() == pytest.approx((common * own, common))
-
-
-def test_whose_word_it_is_does_not_count_for_what_it_takes() -> None:
-    answered, pressed = FeltOffsets(1, may_raise=True), FeltOffsets(1, may_raise=True)
-    for second in range(4):
-        answered.hear("too_strong", None, second * S)
-        pressed.lower(None, second * S)
-        assert answered.factor(0) == pressed.factor(0)
-
-
 @given(stories)
 def test_where_raising_is_not_allowed_nothing_is_ever_above_the_frames_own(
     story: list[Moment],
@@ -334,28 +302,6 @@ def test_good_of_all_raises_none_above_its_own_though_one_had_fallen_alone() -> 
     assert max(played.offsets.factors()) <= 1.0
 
 
-def test_said_again_at_once_it_takes_four_times_as_much_and_never_more_than_half() -> None:
-    offsets, steps = FeltOffsets(1, may_raise=True), []
-    for second in range(8):
-        offsets.fired(0, second * S)
-        before = offsets.factor(0)
-        offsets.hear("too_strong", None, second * S)
-        steps.append(1.0 - offsets.factor(0) / before)
-    assert steps[0] == pytest.approx(LOWERED_BY)
-    assert steps[1] == pytest.approx(AT_ONCE_TIMES * LOWERED_BY)
-    assert steps[2:] == pytest.approx([MOST_LOWERED_BY] * 6)
-
-
-def test_it_is_the_same_word_for_minutes_and_a_first_one_after_them() -> None:
-    offsets = FeltOffsets(1, may_raise=False)
-    assert offsets.hear("too_strong", None, 0) == "lowered"
-    offsets.hear("too_strong", None, AT_ONCE_NS + 1)
-    again = (1.0 - LOWERED_BY) * (1.0 - AGAIN_TIMES * LOWERED_BY)
-    assert offsets.factor(0) == pytest.approx(again)
-    offsets.hear("too_strong", None, AT_ONCE_NS + AGAIN_NS + 2)
-    assert offsets.factor(0) == pytest.approx(again * (1.0 - LOWERED_BY))
-
-
 def test_said_three_times_within_seconds_three_fifths_are_gone() -> None:
     assert insisted(FeltOffsets(1, may_raise=True), 3) == pytest.approx(0.38, abs=0.001)
 
@@ -364,38 +310,6 @@ def test_said_three_times_in_minutes_nearly_a_third_is_gone() -> None:
     offsets = FeltOffsets(1, may_raise=False)
     hold(offsets, "too_strong", 3)
     assert offsets.factor(0) == pytest.approx(0.684, abs=0.001)
-
-
-@pytest.mark.parametrize("contrary", ["good", "too_weak"])
-@pytest.mark.parametrize("about", [None, (0,)])
-def test_another_answer_in_between_ends_the_minutes_of_insisting(
-    contrary: Answer, about: tuple[int, ...] | None
-) -> None:
-    offsets = FeltOffsets(2, may_raise=False)
-    offsets.hear("too_strong", about, 0)
-    offsets.hear(contrary, about, AT_ONCE_NS)
-    before = offsets.factor(0)
-    offsets.hear("too_strong", about, AT_ONCE_NS + 1)
-    assert offsets.factor(0) == pytest.approx((1.0 - LOWERED_BY) * before)
-
-
-def test_a_program_that_says_good_does_not_hold_back_who_presses() -> None:
-    offsets = FeltOffsets(1, may_raise=False)
-    offsets.fired(0, 0)
-    offsets.lower(None, 0)
-    offsets.hear("good", None, S)
-    offsets.lower(None, 2 * S)
-    at_once = (1.0 - LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
-    assert offsets.factor(0) == pytest.approx(at_once, abs=0.002)
-
-
-def test_of_one_electrode_it_ends_the_minutes_of_that_one_alone() -> None:
-    offsets = FeltOffsets(2, may_raise=False)
-    offsets.hear("too_strong", (0, 1), 0)
-    offsets.hear("good", (0,), AT_ONCE_NS)
-    offsets.hear("too_strong", (0, 1), AT_ONCE_NS + 1)
-    once = 1.0 - LOWERED_BY
-    assert offsets.factors() == pytest.approx((once**2, once * (1.0 - AGAIN_TIMES * LOWERED_BY)))
 
 
 def test_however_often_it_is_said_there_is_an_answer() -> None:
