@@ -29,7 +29,7 @@ from etd.protocol.link import Answer, DisarmBoard, SayFelt
 from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.law_watch import SAME_WORD_NS, TOO_MANY, LawWatch
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
-from etd.stabilize.said import LOWERED_BY, MOST, RISE_A_MINUTE
+from etd.stabilize.said import ANSWERED_LOWERED_BY, MOST, RISE_A_MINUTE
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 
@@ -86,7 +86,7 @@ def test_too_strong_lowers_the_next_pulse_and_is_told_as_a_clamp(make_rig: MakeR
     assert say(rig, "too_strong").error is None
     rig.reports.clear()
     hold(rig, 200)
-    assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * before_ua, abs=5)
+    assert last_ua(rig) == pytest.approx((1 - ANSWERED_LOWERED_BY) * before_ua, abs=5)
     told = {clamp.reason for clamp in clamps(rig)}
     assert told == {"felt"}
     assert clamps(rig)[-1].limited_by == 4
@@ -150,7 +150,11 @@ def test_as_it_ships_too_weak_gives_back_and_says_that_it_raises_nothing(
     assert did == "gives_back"
     assert "no more than that" in why
     hold(rig, 10_000)
-    assert 1.005 * (1 - LOWERED_BY) < last_ua(rig) / before_ua < 1.01 * (1 - LOWERED_BY)
+    assert (
+        1.005 * (1 - ANSWERED_LOWERED_BY)
+        < last_ua(rig) / before_ua
+        < 1.01 * (1 - ANSWERED_LOWERED_BY)
+    )
 
 
 def test_good_has_nothing_to_explain(make_rig: MakeRig) -> None:

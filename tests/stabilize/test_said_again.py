@@ -8,6 +8,7 @@ from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import (
     AGAIN_NS,
     AGAIN_TIMES,
+    ANSWERED_LOWERED_BY,
     AT_ONCE_NS,
     AT_ONCE_TIMES,
     LOWERED_BY,
@@ -33,27 +34,39 @@ def test_words_of_all_are_insisted_on_apart_from_words_of_one() -> None:
     offsets.hear("too_strong", None, 1 * S)
     offsets.hear("too_strong", (0,), 2 * S)
     offsets.hear("too_strong", None, 3 * S)
-    common = (1.0 - LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
+    common = (1.0 - ANSWERED_LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
     own = (1.0 - LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
     assert offsets.factors() == pytest.approx((common * own, common))
 
 
-def test_whose_word_it_is_does_not_count_for_what_it_takes() -> None:
+@pytest.mark.parametrize("about", [None, (0,)])
+def test_whose_word_it_is_counts_for_a_first_one_about_all_alone(
+    about: tuple[int, ...] | None,
+) -> None:
     answered, pressed = FeltOffsets(1, may_raise=True), FeltOffsets(1, may_raise=True)
+    firsts = (1.0 - (LOWERED_BY if about else ANSWERED_LOWERED_BY), 1.0 - LOWERED_BY)
     for second in range(4):
-        answered.hear("too_strong", None, second * S)
-        pressed.lower(None, second * S)
-        assert answered.factor(0) == pressed.factor(0)
+        answered.hear("too_strong", about, second * S)
+        pressed.lower(about, second * S)
+        assert (answered.factor(0) / firsts[0]) == pytest.approx(pressed.factor(0) / firsts[1])
 
 
-def test_said_again_at_once_it_takes_four_times_as_much_and_never_more_than_half() -> None:
+def test_one_who_presses_after_an_answer_about_all_is_relieved_at_once() -> None:
+    offsets = FeltOffsets(1, may_raise=True)
+    offsets.hear("too_strong", None, 0)
+    offsets.lower(None, AT_ONCE_NS)
+    once, again = 1.0 - ANSWERED_LOWERED_BY, 1.0 - AT_ONCE_TIMES * LOWERED_BY
+    assert offsets.factor(0) == pytest.approx(once * again)
+
+
+def test_said_again_at_once_it_takes_a_fifth_and_never_more_than_half() -> None:
     offsets, steps = FeltOffsets(1, may_raise=True), []
     for second in range(8):
         offsets.fired(0, second * S)
         before = offsets.factor(0)
         offsets.hear("too_strong", None, second * S)
         steps.append(1.0 - offsets.factor(0) / before)
-    assert steps[0] == pytest.approx(LOWERED_BY)
+    assert steps[0] == pytest.approx(ANSWERED_LOWERED_BY)
     assert steps[1] == pytest.approx(AT_ONCE_TIMES * LOWERED_BY)
     assert steps[2:] == pytest.approx([MOST_LOWERED_BY] * 6)
 
@@ -62,10 +75,10 @@ def test_it_is_the_same_word_for_minutes_and_a_first_one_after_them() -> None:
     offsets = FeltOffsets(1, may_raise=False)
     assert offsets.hear("too_strong", None, 0) == "lowered"
     offsets.hear("too_strong", None, AT_ONCE_NS + 1)
-    again = (1.0 - LOWERED_BY) * (1.0 - AGAIN_TIMES * LOWERED_BY)
+    again = (1.0 - ANSWERED_LOWERED_BY) * (1.0 - AGAIN_TIMES * ANSWERED_LOWERED_BY)
     assert offsets.factor(0) == pytest.approx(again)
     offsets.hear("too_strong", None, AT_ONCE_NS + AGAIN_NS + 2)
-    assert offsets.factor(0) == pytest.approx(again * (1.0 - LOWERED_BY))
+    assert offsets.factor(0) == pytest.approx(again * (1.0 - ANSWERED_LOWERED_BY))
 
 
 @pytest.mark.parametrize("contrary", ["good", "too_weak"])
@@ -78,7 +91,8 @@ def test_another_answer_in_between_ends_the_minutes_of_insisting(
     offsets.hear(contrary, about, AT_ONCE_NS)
     before = offsets.factor(0)
     offsets.hear("too_strong", about, AT_ONCE_NS + 1)
-    assert offsets.factor(0) == pytest.approx((1.0 - LOWERED_BY) * before)
+    first = LOWERED_BY if about else ANSWERED_LOWERED_BY
+    assert offsets.factor(0) == pytest.approx((1.0 - first) * before)
 
 
 def test_a_program_that_says_good_does_not_hold_back_who_presses() -> None:

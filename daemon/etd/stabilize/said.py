@@ -3,11 +3,12 @@
 Owns: the rules below, electrode by electrode. Must not know: limits, laws, clocks, who says it: who
 may raise is decided by the caller. It is a request like any other: the limits come after it.
 
-- *too strong* lowers at once: every electrode, or those that are named, whoever says it. Repeated
-  within half a minute it takes four times as much as the time before, within three minutes twice as
-  much unless the holder said something else since, at most half. Repetition is counted for each
-  electrode, and once more for all together: an answer about one electrode is no repetition of an
-  answer about another.
+- *too strong* lowers at once: every electrode, or those that are named. A single answer of the
+  lease's holder about all takes less than any other, because of ten answers two may be errors.
+  Repeated within half a minute it takes a fifth, and then half; within three minutes twice as much
+  as the time before unless the holder said something else since. Repetition is counted for
+  each electrode, and once more for all together: an answer about one electrode is no repetition of
+  an answer about another.
 - *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
   minute within the minute that follows. Only what was lowered comes back so; where raising is
   allowed, *too weak* takes it above the frame's own, and never above 1.2.
@@ -36,9 +37,12 @@ FELT_NS: Final = 60_000_000_000
 #: The most that a factor reaches, and by how much it rises in a minute.
 MOST: Final = 1.2
 RISE_A_MINUTE: Final = 1.05
-#: What *too strong* takes at once. So many times as much as the time before it takes where it is
-#: said again within minutes, and where it is said again at once; the most.
+#: What *too strong* takes at once: of named electrodes, or without the lease; and as an answer of
+#: the holder about all. So many times as much as the time before it takes where it is said again
+#: within minutes, and where it is said again at once (as much as after a first one that takes 5 %
+#: at least); the most.
 LOWERED_BY: Final = 0.05
+ANSWERED_LOWERED_BY: Final = 0.02
 AGAIN_TIMES: Final = 2.0
 AGAIN_NS: Final = 180_000_000_000
 AT_ONCE_TIMES: Final = 4.0
@@ -64,18 +68,19 @@ class _Insisting:
         self._said_ns: int | None = None
         self._is_contradicted = False
 
-    def takes(self, now_ns: int) -> float:
-        """The part of the current that one takes now."""
-        self._took = min(max(LOWERED_BY, self._times(now_ns) * self._took), MOST_LOWERED_BY)
+    def takes(self, first: float, now_ns: int) -> float:
+        """The part of the current that one takes now: `first`, or more."""
+        self._took = min(max(first, self._insisted(now_ns)), MOST_LOWERED_BY)
         self._said_ns, self._is_contradicted = now_ns, False
         return self._took
 
-    def _times(self, now_ns: int) -> float:
-        """What was taken the last time."""
+    def _insisted(self, now_ns: int) -> float:
+        """What it takes because it is said again. At once it is no error any more."""
         since_ns = math.inf if self._said_ns is None else now_ns - self._said_ns
         if since_ns <= AT_ONCE_NS:
-            return AT_ONCE_TIMES
-        return AGAIN_TIMES if since_ns <= AGAIN_NS and not self._is_contradicted else 0.0
+            return AT_ONCE_TIMES * max(self._took, LOWERED_BY)
+        within_minutes = since_ns <= AGAIN_NS and not self._is_contradicted
+        return AGAIN_TIMES * self._took if within_minutes else 0.0
 
     def contradict(self) -> None:
         """*Good* or *too weak*: the next *too strong* is a first one, unless it comes at once, as
@@ -200,7 +205,8 @@ class FeltOffsets:
         it is about, only such as were fired in the last minute can rise.
         """
         if answer == "too_strong":
-            self.lower(electrodes, now_ns)
+            first = ANSWERED_LOWERED_BY if electrodes is None else LOWERED_BY
+            self._lower(electrodes, now_ns, first)
             return "lowered"
         self.is_idle = False
         self._estimate(answer, electrodes, now_ns)
@@ -226,16 +232,19 @@ class FeltOffsets:
         return "raises" if max(rising) > 0.0 else "gives_back"
 
     def lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
-        """*Too strong*, by whomever: the holder, a button, a program without the lease."""
+        """*Too strong*, by a button or a program without the lease."""
+        self._lower(electrodes, now_ns, LOWERED_BY)
+
+    def _lower(self, electrodes: Sequence[int] | None, now_ns: int, first: float) -> None:
         self.is_idle = False
         self._estimate("too_strong", electrodes, now_ns)
         if electrodes is None:
-            step = math.log(1.0 - self._insisting.takes(now_ns))
+            step = math.log(1.0 - self._insisting.takes(first, now_ns))
             for electrode in self._electrodes:
                 electrode.lower_to(electrode.offset + step)
             return
         for electrode in self._those(electrodes):
-            step = math.log(1.0 - electrode.insisting.takes(now_ns))
+            step = math.log(1.0 - electrode.insisting.takes(first, now_ns))
             electrode.lower_to(electrode.offset + step)
 
     def _estimate(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
