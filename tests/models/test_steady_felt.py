@@ -29,6 +29,7 @@ from bench.felt_person import ANSWERS_S, INSISTS_S, Manner, Person, times_wanted
 from bench.felt_play import Unsaid, finger_of, play, scans
 from bench.fresh_seeds import FELT, LOOKED_AT, STEADY, TESTED
 from bench.run import Bound
+from bench.steady_felt import asked
 from bench.steady_figures import SteadyFigures
 from bench.steady_laws import NONE
 from etd_body.kinds import BodyKind
@@ -44,11 +45,10 @@ TOO_SMALL_TO_TELL = replace(SHARED, drift=0.9, size=0.99 * LEAST_SIZE)
 
 @pytest.mark.parametrize("body", BodyKind)
 def test_the_bounds_hold_with_persons_who_are_right_four_times_of_five(body: BodyKind) -> None:
-    """As it ships, and where answers may raise."""
-    for found in compared([body], TESTED, Manner(), persons=2):
-        assert all(bound.is_met for bound in bounds([found])), found
-        assert all(bound.is_met for bound in felt_harm.bounds([found])), felt_harm.bounds([found])
-        assert found.drift.is_common == (body in DRIFTING)
+    """As it ships; where answers may raise, what raising is for."""
+    found = compared([body], TESTED, Manner(), persons=2)
+    assert [bound for bound in asked(found) if not bound.is_met] == []
+    assert {each.drift.is_common for each in found} == {body in DRIFTING}
 
 
 def made_up(times: float, drift: Drift, *, may_raise: bool = True) -> Compared:
@@ -69,6 +69,16 @@ def test_each_bound_can_say_no(drift: Drift, *, may_raise: bool, bound: float) -
     for times, is_met in ((0.99 * bound, True), (1.01 * bound, False)):
         (found,) = bounds([made_up(times, drift, may_raise=may_raise)])
         assert (found.bound, found.is_met) == (bound, is_met)
+
+
+def test_all_that_ships_is_asked_and_of_raising_what_it_is_for() -> None:
+    ships, costs = (made_up(1.2, EACH_ITS_OWN, may_raise=may_raise) for may_raise in (False, True))
+    helps = made_up(1.2, SHARED, may_raise=True)
+    assert [bound.bound for bound in asked([ships, costs, helps])] == [
+        MOST_TIMES,
+        *(bound.bound for bound in felt_harm.bounds([ships])),
+        MOST_TIMES_COMMON,
+    ]
 
 
 def test_where_safety_has_it_it_is_said_and_nowhere_else() -> None:
