@@ -64,7 +64,7 @@ def test_each_kind_of_body_can_be_named_and_is_the_finger_of_its_seed() -> None:
         assert body.skin.figures == drawn(kind, 31).skin
         assert not isinstance(body, BreathingBody)
     assert finger_named("sweat") == Finger("sweat", 1)
-    own = living_fingertip(board, PLACES, OWN._replace(is_breathing=True))
+    own = living_fingertip(board, PLACES, Finger(OWN.kind, OWN.seed, is_breathing=True))
     assert isinstance(own, BreathingBody)
     assert own.skin.figures == living_fingertip(board, PLACES).skin.figures
 

@@ -32,6 +32,12 @@ TOOLS = {
 _NOT_KEPT = ("Documentation", "crypto", "drivers", "fs", "net", "samples", "sound", "tools")
 
 
+#: The source reckons with so many bytes of a processor's registers. Where it has AMX they are
+#: 11008, and the kernel below takes them back whole or not at all.
+_REGISTERS = "DEFINE_LONGS(HOST_FP_SIZE, {});"
+_REGISTER_BYTES, _MOST_REGISTER_BYTES = 2696, 11264
+
+
 def source_version() -> str:
     """Of the kernel's source, as the package sources of this machine know it."""
     told = run("apt-cache", "show", "--no-all-versions", f"linux-source-{SERIES}")
@@ -57,12 +63,14 @@ def kernel() -> Path:
     Minutes, the first time.
     """
     config = HERE / "uml.config"
-    folder = piece("uml", source_version() + fingerprint([config]))
+    wide = _REGISTERS.format(_MOST_REGISTER_BYTES)
+    folder = piece("uml", source_version() + fingerprint([config]) + wide)
     tree = folder / f"linux-source-{SERIES}"
     if is_made(folder):
         return tree
     with making(folder):
         unpacked_source(folder)
+        _widen_registers(tree)
         asked = {"KCONFIG_ALLCONFIG": str(config)}
         run("make", "-s", "ARCH=um", "allnoconfig", cwd=tree, env=asked)
         _check_config(config, tree / ".config")
@@ -70,6 +78,15 @@ def kernel() -> Path:
         run("make", "-s", jobs, "ARCH=um", "linux", "modules_prepare", cwd=tree)
         _thin_out(tree)
     return tree
+
+
+def _widen_registers(tree: Path) -> None:
+    """Raises: RigFailure, if the source has changed in this."""
+    sizes = tree / "arch/x86/um/user-offsets.c"
+    text, known = sizes.read_text(), _REGISTERS.format(_REGISTER_BYTES)
+    if known not in text:
+        raise RigFailure(f"{sizes} has no {known}: look whether it still bounds the registers")
+    sizes.write_text(text.replace(known, _REGISTERS.format(_MOST_REGISTER_BYTES)))
 
 
 def _thin_out(tree: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,7 +12,8 @@ from etd.selftest.run import run
 from etd_hal.cutlatch import CutLatch
 from etd_hal.fake.faults import SpiStall
 from etd_hal.fake.stepped_beside import SteppedBeside, SteppedStopper
-from etd_hal.ports import Changes
+from etd_hal.ports import Changes, Edge, Gpio
+from etd_hal.stopper import Stopper
 from etd_hal.supply_note import SupplyNote
 from selftest_rig import DATE, SelftestRig, bad, by_name, selftest_rig
 
@@ -50,9 +50,9 @@ class _Changed(SteppedBeside):
     """A bench whose stopper is another."""
 
     def __init__(self, rig: SelftestRig, kind: type[SteppedStopper]) -> None:
-        super().__init__(rig.bench.backend.gpio, rig.clock)
+        self.lines, self.rig_clock = rig.bench.backend.gpio, rig.clock
+        super().__init__(self.lines, rig.clock)
         self._kind = kind
-        self.stopper_clock = rig.clock
         self.started: SteppedStopper | None = None
         rig.bench = replace(rig.bench, backend=replace(rig.bench.backend, beside=self))
 
@@ -65,18 +65,14 @@ class _Changed(SteppedBeside):
         scan_core: int | None,
     ) -> SteppedStopper:
         assert note is None
-        inner: Any = super().stopper(latch, safe_changes, None, priority, scan_core)
-        self.started = self._kind(inner._stopper, self.stopper_clock)
+        stopper = Stopper(latch.words, self.rig_clock.now_ns, lambda: self.lines.set(safe_changes))
+        self.started = self._kind(stopper, self.rig_clock)
         return self.started
 
 
 class _Deaf(SteppedStopper):
     def watch(self, is_needed: bool) -> None:
         """Hangs."""
-
-
-class _NotUrgent(SteppedStopper):
-    refusals = ("the stopper: no real-time priority",)
 
 
 class _Late(SteppedStopper):
@@ -91,7 +87,6 @@ class _Late(SteppedStopper):
     ("kind", "measured"),
     [
         (_Deaf, "nothing was cut"),
-        (_NotUrgent, "the stopper: no real-time priority"),
         (_Late, "cut 20.0 ms after it was due"),
     ],
 )
@@ -115,35 +110,64 @@ def test_a_bench_that_starts_no_process_is_told() -> None:
     assert "the stopper" in by_name(report)["bus"].measured
 
 
-@pytest.mark.parametrize("board", [BARE, ALL])
-def test_a_test_that_is_killed_in_a_pulse_leaves_its_outputs_cut(board: str) -> None:
-    """All that is left of it is the stopper, which learns of the end from the kernel."""
+class Killed(BaseException):
+    """What ends a process comes at any call of its own, and `except Exception` does not stop it."""
 
-    class Killed(BaseException):
+
+class _Outlives(SteppedStopper):
+    """Of a process that is killed nobody calls this; it learns of the end from the kernel."""
+
+    def end(self) -> None:
         pass
 
+
+class _DeadGpio:
+    """The lines of a process: once it is dead it makes no call any more."""
+
+    def __init__(self, inner: Gpio) -> None:
+        self._inner = inner
+        self.is_dead = False
+
+    def set(self, changes: Changes) -> None:
+        self._alive()
+        self._inner.set(changes)
+
+    def get(self, line: int) -> int:
+        self._alive()
+        return self._inner.get(line)
+
+    def edges(self) -> tuple[Edge, ...]:
+        self._alive()
+        return self._inner.edges()
+
+    def _alive(self) -> None:
+        if self.is_dead:
+            raise Killed
+
+
+@pytest.mark.parametrize("board", [BARE, ALL])
+def test_a_test_that_is_killed_in_a_pulse_leaves_its_outputs_cut(board: str) -> None:
+    """All that is left of it is the stopper."""
     rig = selftest_rig(board)
-    beside = _Changed(rig, SteppedStopper)
     whole = selftest_rig(board)
     whole.run()
-
-    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
+    beside = _Changed(rig, _Outlives)
+    lines = _DeadGpio(rig.bench.backend.gpio)
+    rig.bench = replace(rig.bench, backend=replace(rig.bench.backend, gpio=lines))
 
     def kill() -> None:
-        # What `finally` would do is done by nobody.
-        fixture.board.safe_off = lambda: ()  # type: ignore[method-assign]
-        fixture.end_stopper = lambda: None  # type: ignore[method-assign]
+        lines.is_dead = True
         raise Killed
 
     rig.watch.before_pulse = {whole.watch.pulses // 2: kill}
+    fixture = Fixture(rig.loaded, rig.bench, rig.operator, rig.options)
     with pytest.raises(Killed):
         run(fixture, DATE)
-    lines = rig.bench.backend.gpio
     safe = fixture.board.safe_changes
-    assert {line: lines.get(line) for line, _ in safe} != dict(safe)
+    assert {line: beside.lines.get(line) for line, _ in safe} != dict(safe)
     assert beside.started is not None
-    beside.started.end()
-    assert {line: lines.get(line) for line, _ in safe} == dict(safe)
+    SteppedStopper.end(beside.started)
+    assert {line: beside.lines.get(line) for line, _ in safe} == dict(safe)
 
 
 def test_it_ends_with_the_test_and_cuts_nothing_after_it() -> None:
