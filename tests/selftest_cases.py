@@ -292,7 +292,7 @@ STRONG = [
         for board, fault in (
             (BARE, LatchIgnored(every=103)),
             (ALL, LatchIgnored(every=199)),
-            (RELAY, LatchIgnored(every=331)),
+            (RELAY, LatchIgnored(every=337)),
             (RELAY, LostClock(every=9_973)),
         )
     ),

@@ -41,7 +41,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "contact": ContactSettings(),
         "power_law": PowerLawSettings(rise_per_s=20.0),
     },
-    "fitted the other way": {"power_law": PowerLawSettings(rise_per_s=20.0)},
+    "fitted, weakly": {"power_law": PowerLawSettings(rise_per_s=20.0)},
     "contact, lines": {
         "contact": ContactSettings(),
         "linear_law": LinearLawSettings(rise_per_s=20.0),
@@ -104,7 +104,7 @@ contacts = st.one_of(
 def test_the_first_pulse_after_a_silence_is_never_above_the_unstabilized_soft_start(
     name: str, before: Contact, meanwhile: list[Contact], silence_ms: float
 ) -> None:
-    k = -2.0 if "other way" in name else 0.73
+    k = 0.4 if "weakly" in name else 0.73
     rig = standing(engine_rig.make(loaded=with_laws(LAWS[name])), k)
     rig.fake.world.touch(4, before)
     hold(rig, 300)

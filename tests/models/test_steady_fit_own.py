@@ -31,7 +31,7 @@ def test_where_the_leak_alone_follows_the_resistance_it_is_refused() -> None:
     """Its k is known well, and says nothing of the person's skin."""
     found = own_fit(BodyKind.INDIFFERENT, SEED, ELECTRODES)
     assert isinstance(found, FittedExponent)
-    assert -0.3 < found.low < found.high < 0.0
+    assert -0.3 < found.k < found.high < 0.0
     assert "thresholds rise with the resistance" in said(found)
 
 
