@@ -114,14 +114,16 @@ def test_an_electrode_that_was_not_fired_in_the_last_minute_does_not_rise(
 
 @given(stories)
 def test_nothing_rises_more_than_a_minute_after_the_last_word(story: list[Moment]) -> None:
+    """Of an electrode that has been fired since that minute: a factor is told as of its pulse."""
     played, said_ns = Played(), -10 * MINUTE
+    fired_ns = dict.fromkeys(range(N), -10 * MINUTE)
     for moment in story:
         before = played.offsets.factors()
-        then_ns = played.now_ns
         played.fire(moment)
-        if then_ns - said_ns >= FELT_NS:
-            for was, now in zip(before, played.offsets.factors(), strict=True):
-                assert now <= was + 1e-9
+        for electrode, now in enumerate(played.offsets.factors()):
+            if fired_ns[electrode] - said_ns >= FELT_NS:
+                assert now <= before[electrode] + 1e-9
+        fired_ns |= dict.fromkeys(moment.fired, played.now_ns)
         played.say(moment)
         if moment.answer is not None:
             said_ns = played.now_ns
@@ -339,6 +341,17 @@ def test_too_weak_again_and_again_comes_to_the_most_after_minutes() -> None:
     assert 1.0 < offsets.factor(0) < RISE_A_MINUTE**3
     hold(offsets, "too_weak", 10, 3)
     assert offsets.factor(0) == pytest.approx(MOST)
+
+
+def test_a_rise_is_over_a_minute_after_the_last_word_however_far_it_would_go() -> None:
+    offsets = FeltOffsets(1, may_raise=True)
+    hold(offsets, "too_weak", 3)
+    reached = {}
+    for second in range(180, 360):
+        offsets.fired(0, second * S)
+        reached[second] = offsets.factor(0)
+    assert reached[180] < reached[200] < reached[239] < MOST
+    assert reached[240] == reached[359]
 
 
 def test_good_leaves_what_is_good() -> None:
