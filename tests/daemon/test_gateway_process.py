@@ -5,6 +5,7 @@ Owns: signals, the lock after a kill, and what the engine sees of it.
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -103,6 +104,7 @@ def test_the_end_of_the_engine_is_logged_unless_the_daemon_was_asked_to_end(
             engine.step()
         # Stopped, it hears of both at once.
         running.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, running.pid, os.WSTOPPED)
         if is_asked:
             running.send_signal(signal.SIGTERM)
         engine.close()
