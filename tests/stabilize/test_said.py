@@ -343,17 +343,6 @@ def test_too_weak_again_and_again_comes_to_the_most_after_minutes() -> None:
     assert offsets.factor(0) == pytest.approx(MOST)
 
 
-def test_a_rise_is_over_a_minute_after_the_last_word_however_far_it_would_go() -> None:
-    offsets = FeltOffsets(1, may_raise=True)
-    hold(offsets, "too_weak", 3)
-    reached = {}
-    for second in range(180, 360):
-        offsets.fired(0, second * S)
-        reached[second] = offsets.factor(0)
-    assert reached[180] < reached[200] < reached[239] < MOST
-    assert reached[240] == reached[359]
-
-
 def test_good_leaves_what_is_good() -> None:
     offsets = FeltOffsets(1, may_raise=True)
     hold(offsets, "good", 10)

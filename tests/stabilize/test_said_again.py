@@ -12,6 +12,7 @@ from etd.stabilize.said import (
     AT_ONCE_NS,
     AT_ONCE_TIMES,
     LOWERED_BY,
+    MOST,
     MOST_LOWERED_BY,
     FeltOffsets,
 )
@@ -112,3 +113,14 @@ def test_of_one_electrode_it_ends_the_minutes_of_that_one_alone() -> None:
     offsets.hear("too_strong", (0, 1), AT_ONCE_NS + 1)
     once = 1.0 - LOWERED_BY
     assert offsets.factors() == pytest.approx((once**2, once * (1.0 - AGAIN_TIMES * LOWERED_BY)))
+
+
+def test_a_rise_is_over_a_minute_after_the_last_word_however_far_it_would_go() -> None:
+    offsets, reached = FeltOffsets(1, may_raise=True), []
+    for second in range(360):
+        offsets.fired(0, second * S)
+        if second in (59, 119, 179):
+            offsets.hear("too_weak", None, second * S)
+        reached.append(offsets.factor(0))
+    assert reached[180] < reached[200] < reached[239] < MOST
+    assert reached[240] == reached[359]
