@@ -65,7 +65,8 @@ class LivingBody:
         count = len(positions_mm)
         self._leak_s = 1.0 / leak_ohm
         self._compliance_v = compliance_v
-        self.skin = Skin(figures, Course(script, positions_mm, seed=seed), positions_mm, seed=seed)
+        course = self._course(script, positions_mm, seed)
+        self.skin = Skin(figures, course, positions_mm, seed=seed)
         shifts = None if feeling == UNSHIFTED else Shifts(feeling, positions_mm)
         self.sensation = Sensation(Nerves(positions_mm, seed=seed, spread=spread), shifts)
         self._born_ns: int | None = None
@@ -82,6 +83,12 @@ class LivingBody:
         self._way = self._ways.of(self._sides)
         self._loop: Loop | None = None
         self._passed: _Passed | None = None
+
+    def _course(
+        self, script: Script, positions_mm: Sequence[tuple[float, float]], seed: int
+    ) -> Course:
+        """How the skin changes; the only thing in which another kind of finger differs."""
+        return Course(script, positions_mm, seed=seed)
 
     @property
     def electrode_count(self) -> int:

@@ -14,12 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etd_body.course import LYING, STILL, Course, Script, SkinNow
+from etd_body.course import STILL, Course, Script, SkinNow
 from etd_body.interface import Sides
 from etd_body.living import LivingBody
-from etd_body.nerve import NerveSpread
-from etd_body.shifts import UNSHIFTED, FeelingFigures
-from etd_body.skin import SkinFigures
 
 #: How differently a breath reaches the electrodes.
 _BREATH_SIGMA = 0.2
@@ -64,34 +61,17 @@ class BreathingBody(LivingBody):
     last one stays. Nothing else changes its skin, whatever its `script`.
     """
 
-    def __init__(
+    _stimulated_ns: int | None = None
+    _done = 0
+
+    def _course(
         self,
+        script: Script,  # noqa: ARG002 - it has states in place of one
         positions_mm: Sequence[tuple[float, float]],
-        *,
-        leak_ohm: float,
-        compliance_v: float,
         seed: int,
-        script: Script = LYING,
-        figures: SkinFigures = SkinFigures(),  # noqa: B008 - frozen
-        spread: NerveSpread = NerveSpread(),  # noqa: B008 - frozen
-        feeling: FeelingFigures = UNSHIFTED,
-    ) -> None:
-        super().__init__(
-            positions_mm,
-            leak_ohm=leak_ohm,
-            compliance_v=compliance_v,
-            seed=seed,
-            script=script,
-            figures=figures,
-            spread=spread,
-            feeling=feeling,
-        )
+    ) -> Course:
         self._stated = StatedCourse(positions_mm, seed=seed)
-        self.skin.course = self._stated
-        self.skin.refresh(0.0)
-        self._use_skin()
-        self._stimulated_ns: int | None = None
-        self._done = 0
+        return self._stated
 
     def drive(self, t_ns: int, source_ua: float, sides: Sides) -> None:
         if source_ua > 0.0 and self._ways.of(sides).direction:

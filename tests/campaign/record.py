@@ -20,21 +20,11 @@ from campaign.results import PC_PER_UC, Figures, figures, where_of
 FILE = Path(__file__).with_name("recorded.jsonl")
 
 
-class Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A class on a board, or on the bench of a self-test; as `Figures`."""
+class Line(Figures, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Of a class on a board, or on the bench of a self-test."""
 
     on: str
     pulse_pc: int
-    fault_class: str
-    cases: int
-    told: int
-    latent: int
-    silent: int
-    crashed: int
-    safe_p50_ms: float | None
-    safe_most_ms: float | None
-    most_alone_uc: float
-    most_shared_uc: float
     #: As git describes them, and in UTC; more than one where a run went on after its code was
     #: committed, or after midnight.
     version: str
@@ -61,18 +51,9 @@ def lines_of(found: Iterable[Outcome], how: str) -> list[Line]:
 
 def _line(on: str, pulse_pc: int, row: Figures, those: Sequence[Outcome], how: str) -> Line:
     return Line(
+        **msgspec.structs.asdict(row),
         on=on,
         pulse_pc=pulse_pc,
-        fault_class=row.fault_class,
-        cases=row.cases,
-        told=row.told,
-        latent=row.latent,
-        silent=row.silent,
-        crashed=row.crashed,
-        safe_p50_ms=row.safe_p50_ms,
-        safe_most_ms=row.safe_most_ms,
-        most_alone_uc=row.most_alone_uc,
-        most_shared_uc=row.most_shared_uc,
         version=", ".join(sorted({one.version for one in those})),
         day=", ".join(sorted({one.played.partition(" ")[0] for one in those})),
         how=how,

@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -76,8 +75,7 @@ def kept(path: Path) -> list[Outcome]:
     return msgspec.json.Decoder(Outcome).decode_lines(whole)
 
 
-@dataclass(frozen=True)
-class Figures:
+class Figures(msgspec.Struct, frozen=True, kw_only=True):
     """Of one class of faults. Charge in uC, beyond what flows without the fault."""
 
     fault_class: str
@@ -95,8 +93,6 @@ class Figures:
     safe_most_ms: float | None
     most_alone_uc: float
     most_shared_uc: float
-    #: Of those that are silent.
-    silent_uc: float
 
 
 def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
@@ -110,21 +106,20 @@ def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
 def figures_of(fault_class: str, found: Sequence[Outcome]) -> Figures:
     """Of cases that have one name together: a class, or all."""
     times_ms = sorted(one.flowed_for_ms for one in found if is_told(one))
-    silent = [one for one in found if is_silent(one)]
+    silent = sum(map(is_silent, found))
     told = sum(map(is_told, found))
     crashed = sum(one.seen.startswith("crashed") for one in found)
     return Figures(
-        fault_class,
-        len(found),
-        told,
-        len(found) - told - crashed - len(silent),
-        len(silent),
-        crashed,
-        times_ms[len(times_ms) // 2] if times_ms else None,
-        times_ms[-1] if times_ms else None,
-        max(one.beyond_alone_pc for one in found) / PC_PER_UC,
-        max(one.beyond_shared_pc for one in found) / PC_PER_UC,
-        max((beyond_pc(one) for one in silent), default=0.0) / PC_PER_UC,
+        fault_class=fault_class,
+        cases=len(found),
+        told=told,
+        latent=len(found) - told - crashed - silent,
+        silent=silent,
+        crashed=crashed,
+        safe_p50_ms=times_ms[len(times_ms) // 2] if times_ms else None,
+        safe_most_ms=times_ms[-1] if times_ms else None,
+        most_alone_uc=max(one.beyond_alone_pc for one in found) / PC_PER_UC,
+        most_shared_uc=max(one.beyond_shared_pc for one in found) / PC_PER_UC,
     )
 
 

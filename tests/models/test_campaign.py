@@ -300,7 +300,6 @@ def test_a_class_has_its_worst_and_what_nothing_was_said_of() -> None:
     )
     assert (found.cases, found.told, found.latent, found.silent) == (4, 2, 1, 1)
     assert (found.safe_most_ms, found.most_alone_uc, found.most_shared_uc) == (8.0, 0.05, 0.009)
-    assert found.silent_uc == 0.05
     assert is_silent(told(beyond_shared_pc=5_000.0))
     assert not is_silent(told(seen="refused", beyond_shared_pc=5_000.0))
 

@@ -151,7 +151,7 @@ def _parts(loaded: LoadedConfig | None, machine: MachineFile) -> Parts:
     priority, core = _PRIORITY, None
     if engine is not None:
         priority = _PRIORITY if engine.priority == "none" else engine.priority
-        core = None if engine.core == "any" else engine.core
+        core = engine.scan_core
     return Parts(
         machine=machine,
         codec=codec_of(fake_config(BOARD).board.source),

@@ -144,10 +144,10 @@ def _stopper_beside(engine: Engine, supply_note: SupplyNote | None) -> StopperTa
     """Its priority is above the scan thread's."""
     parts, wanted = engine.components, engine.components.loaded.config.engine
     backend, board = parts.backend, parts.board
-    priority = None if wanted.priority == "none" else wanted.priority + 1
+    priority = wanted.stopper_priority
     if backend.beside is not None:
         note = None if supply_note is None else supply_note.path
-        safe, core = board.safe_changes, _core(engine)
+        safe, core = board.safe_changes, wanted.scan_core
         return backend.beside.stopper(board.cut, safe, note, priority, core)
     stopper = Stopper(board.cut.words, backend.clock.now_ns, board.blank_now, supply_note)
     thread = StopperThread(
@@ -162,24 +162,22 @@ def _sensors_beside(engine: Engine) -> SideTask:
     parts, loaded = engine.components, engine.components.loaded
     if parts.backend.beside is not None:
         return start_sensors(
-            parts.backend.beside, loaded.board, loaded.array, parts.readings, _core(engine)
+            parts.backend.beside,
+            loaded.board,
+            loaded.array,
+            parts.readings,
+            loaded.config.engine.scan_core,
         )
     thread = SensorThread(parts.rail, parts.pressure, parts.scan_core)
     thread.start()
     return thread
 
 
-def _core(engine: Engine) -> int | None:
-    """The scan thread's."""
-    wanted = engine.components.loaded.config.engine.core
-    return None if wanted == "any" else wanted
-
-
 def _realtime(engine: Engine) -> tuple[str, ...]:
     wanted = engine.components.loaded.config.engine
     if wanted.priority == "none":
         return ("real-time scheduling was not asked for (engine.priority is none)",)
-    return engine.components.backend.set_up_realtime(wanted.priority, _core(engine))
+    return engine.components.backend.set_up_realtime(wanted.priority, wanted.scan_core)
 
 
 def _scan_core(engine: Engine) -> str:

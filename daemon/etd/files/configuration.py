@@ -47,6 +47,16 @@ class EngineConfig(Strict, frozen=True):
     #: SCHED_FIFO priority; "none" leaves it an ordinary thread, which every report then says.
     priority: Annotated[int, Meta(ge=1, le=98)] | Literal["none"]
 
+    @property
+    def scan_core(self) -> int | None:
+        """None: the kernel chooses."""
+        return None if self.core == "any" else self.core
+
+    @property
+    def stopper_priority(self) -> int | None:
+        """Above the scan thread's. None: ordinary, as that is."""
+        return None if self.priority == "none" else self.priority + 1
+
 
 class EtdConfig(Strict, frozen=True):
     """`etd.toml`, key by key."""

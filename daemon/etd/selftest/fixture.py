@@ -103,11 +103,10 @@ class Fixture:
         """
         if self._beside is None:
             raise BusError("absent", "the stopper", "beginning", "this bench starts no process")
-        wanted = self.loaded.config.engine
-        priority = None if wanted.priority == "none" else wanted.priority + 1
-        core = None if wanted.core == "any" else wanted.core
-        board = self.board
-        self._stopper = self._beside.stopper(board.cut, board.safe_changes, None, priority, core)
+        wanted, board = self.loaded.config.engine, self.board
+        self._stopper = self._beside.stopper(
+            board.cut, board.safe_changes, None, wanted.stopper_priority, wanted.scan_core
+        )
         return self._stopper
 
     def end_stopper(self) -> None:

@@ -27,7 +27,7 @@ def check(fixture: Fixture, log: CheckLog) -> None:
         )
         return
     priority = 1 if wanted.priority == "none" else wanted.priority
-    core = None if wanted.core == "any" else wanted.core
+    core = wanted.scan_core
     refused = fixture.host.set_up_realtime(priority, core)
     found = fixture.host.obtained()
     absent = list(refused) or missing(found, priority, core)
