@@ -159,8 +159,8 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
         ("--trace", args.trace, "real buses cannot be recorded or replaced"),
         ("--board-socket", args.board_socket, "real buses cannot be recorded or replaced"),
         ("--timeout-factor", args.timeout_factor, "a real board's time-outs cannot be lengthened"),
-        ("--finger", args.finger, "nobody models who wears a real board"),
-        ("--breathing", args.breathing or None, "nobody models who wears a real board"),
+        ("--finger", args.finger, "a real board is worn by a real finger"),
+        ("--breathing", args.breathing or None, "a real board is worn by a real finger"),
     ):
         if loaded.config.backend == "linux" and given is not None:
             raise FileError(option, "", why, "omit it, or use --board fake")

@@ -92,9 +92,9 @@ class CalibrationProcess:
             return Refused(
                 "bad_calibration",
                 "the kernel ended the process that reads calibrations: it asked for a call that"
-                " parsing does not need. Do not use this file before somebody has looked at it"
-                " (SECURITY.md). If every file ends so, this Python needs another call than those"
-                " that are known: run the daemon with another one",
+                " parsing does not need. Do not use this file: it may be an attack; have it"
+                " examined (SECURITY.md). If every file ends so, this Python needs another call"
+                " than those that are known: run the daemon with another one",
             )
         return Refused(
             "bad_calibration",

@@ -70,7 +70,7 @@ def main(asked: str, answer: int, scan_core: int | None) -> None:
         os.write(answer, answer_to(msgspec.json.decode(asked, type=Asked), give_up))
         status = 0
     finally:
-        # To print an error that nobody foresaw takes calls that are not left.
+        # Printing an unexpected error takes system calls that are not left.
         os._exit(status)
 
 

@@ -155,7 +155,7 @@ def find_daemons() -> list[RunningDaemon]:
 def find_daemons_of_others() -> OthersDaemons:
     """Those of other users, for root: of each user the first one before the second of any, and a
     few of each. Any user can make any number of sockets, and each takes a connection, and a second
-    if nobody answers there.
+    if it does not answer.
     """
     if not hasattr(os, "geteuid") or os.geteuid() != 0:
         return OthersDaemons()

@@ -18,8 +18,8 @@ from etd.gateway.listener import Listener
 from etd.protocol.errors import Refused
 from etd.protocol.messages import FrameRequest
 
-#: At most this many are read in one turn; the kernel keeps the rest, bounded. Nobody looks for a
-#: stop meanwhile: once so much is decoded, the turn ends. A single frame can take 6 ms.
+#: At most this many are read in one turn; the kernel keeps the rest, bounded. No stop is
+#: read within a turn, which therefore ends after so many bytes. A single frame can take 6 ms.
 FRAMES_A_TURN = 64
 BYTES_A_TURN = 16_384
 
