@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -16,6 +17,7 @@ from etd.client import Display
 from etd.files.calibration import load_calibration
 from etd.files.paths import address_of
 from etd.files.resources import find
+from etd.gateway.exclusive import BOTH_PARTS, NameLock
 from etd.protocol.calibration_set import digest_of
 from etd.protocol.messages import StateReport
 
@@ -306,6 +308,19 @@ def test_of_two_that_start_at_once_one_runs_and_the_other_ends(rig: CommandRig) 
     assert rig.run("status").status == 0
     first.signal(signal.SIGTERM)
     assert first.ended().status == 0
+
+
+def test_where_another_command_has_only_begun_to_start_both_parts_none_is_started(
+    rig: CommandRig,
+) -> None:
+    """Of two that start at once each could get one part, and both would end."""
+    folder = rig.folder / "d"
+    folder.mkdir(mode=0o700)
+    with contextlib.closing(NameLock(folder, "main", BOTH_PARTS)):
+        refused = rig.run("run", "--board", "fake", "--array", "pad-8", "--folder", str(folder))
+    assert "already running" in refused.err
+    assert f"process {os.getpid()} holds" in refused.err
+    assert [path.name for path in folder.iterdir()] == ["run.lock"]
 
 
 def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:

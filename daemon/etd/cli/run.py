@@ -170,11 +170,18 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
 
 
 def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
-    # Imported here: no process loads what only another part needs. The engine has no ZeroMQ.
-    from etd.cli.process_pair import ProcessPair
+    from etd.gateway.exclusive import BOTH_PARTS, NameLock
 
     if why_unreachable(folder / CONTROL) is None:
         raise AlreadyRunning(args.name, f"a daemon answers at {folder / CONTROL}")
+    with contextlib.closing(NameLock(folder, args.name, BOTH_PARTS)):
+        return _run_alone(args, loaded, folder)
+
+
+def _run_alone(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+    # Imported here: no process loads what only another part needs. The engine has no ZeroMQ.
+    from etd.cli.process_pair import ProcessPair
+
     for sentence in loaded.mended:
         print(f"mended: {shown(sentence)}", file=sys.stderr)
     both = ProcessPair(_arguments(args, loaded, folder), folder)

@@ -1,7 +1,8 @@
-"""One gateway for one name.
+"""One gateway for one name; and one command that starts both parts.
 
-Owns: the lock that refuses a second one before it binds anything: it would silently take over the
-Unix sockets of the first. Must not know: sockets.
+Owns: the lock that refuses a second one before it binds anything: a gateway would silently take
+over the Unix sockets of the first, and of two commands each would get one part. Must not know:
+sockets.
 """
 
 from __future__ import annotations
@@ -13,14 +14,17 @@ from pathlib import Path
 from etd.files.trust import open_own
 from etd.protocol.errors import AlreadyRunning
 
+#: Which of both: a file of the folder of sockets.
+GATEWAY, BOTH_PARTS = "gateway.lock", "run.lock"
+
 
 class NameLock:
-    """Held until `close`, or until the process ends however it ends. Raises: AlreadyRunning,
-    FileError (something else is in the place of the lock).
+    """Of one of these files. Held until `close`, or until the process ends however it ends.
+    Raises: AlreadyRunning, FileError (something else is in the place of the lock).
     """
 
-    def __init__(self, folder: Path, name: str) -> None:
-        path = folder / "gateway.lock"
+    def __init__(self, folder: Path, name: str, file: str = GATEWAY) -> None:
+        path = folder / file
         # The owner's alone: another user who may open it can lock it, and keep this from starting.
         self._fd: int | None = open_own(path, os.O_RDWR | os.O_CREAT, 0o600)
         try:
@@ -34,7 +38,7 @@ class NameLock:
         os.write(self._fd, f"{os.getpid()}\n".encode())
 
     def close(self) -> None:
-        """Idempotent. The file stays: otherwise two gateways could lock different files."""
+        """Idempotent. The file stays: otherwise two could lock different files."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
