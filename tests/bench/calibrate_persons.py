@@ -128,7 +128,7 @@ class _Person:
         """Before the question: nothing has drifted since."""
         for electrode in (shown.electrode, shown.reference):
             if electrode is not None:
-                pain = self._skin.sense(electrode).pain / self._person.threshold_times
+                pain = self._skin.sense(electrode).pain / self._person.pain_times
                 self.sitting.pain = max(self.sitting.pain, pain)
 
 

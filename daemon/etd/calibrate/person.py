@@ -5,9 +5,10 @@ strength (1: felt half of the time) and pain (1: pain) of the last presentation 
 the body behind a fake board does.
 
 The model [design]: the perceived strength is the felt strength with log-normal noise, over what the
-person's thresholds have become by drift and adaptation. A lapse is a random answer, a false alarm
-feels what is not there, a slip is another key than was meant. It does not represent any real
-person.
+person's thresholds have become by drift and adaptation. Pain drifts with them and does not adapt:
+what is turned up against adaptation comes nearer to it (as of the body, `etd_body.shifts`). A lapse
+is a random answer, a false alarm feels what is not there, a slip is another key than was meant. It
+does not represent any real person.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class ResponseModel:
     #: The standard deviation of what thresholds and pain change by from one presentation to the
     #: next, up or down (logarithm).
     drift: float = 0.0
-    #: The share by which thresholds and pain have risen after a quarter of an hour.
+    #: The share by which thresholds have risen after a quarter of an hour; pain stays.
     adaptation: float = 0.0
     #: Felt strength that is called comfortable.
     comfortable: float = 1.7
@@ -89,9 +90,14 @@ class SimulatedPerson:
 
     @property
     def threshold_times(self) -> float:
-        """What drift and adaptation have made of thresholds and pain: times those of the body."""
+        """What drift and adaptation have made of thresholds: times those of the body."""
         adapted = 1.0 - exp(-_NEARLY * self._presentations / _QUARTER_HOUR)
-        return exp(self._drifted) * (1.0 + self._model.adaptation * adapted)
+        return self.pain_times * (1.0 + self._model.adaptation * adapted)
+
+    @property
+    def pain_times(self) -> float:
+        """What drift has made of pain: times that of the body."""
+        return exp(self._drifted)
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
         if question.ask == "which":
@@ -129,8 +135,10 @@ class SimulatedPerson:
     def _perceived(self, electrode: int) -> tuple[float, bool]:
         """How strong it was, and whether it was too strong."""
         model, felt = self._model, self._sense(electrode)
-        noise = exp(self._random.gauss(0.0, model.noise)) / self.threshold_times
-        return felt.strength * noise, felt.pain * noise >= model.discomfort * model.endures
+        noise = exp(self._random.gauss(0.0, model.noise))
+        pain = felt.pain * noise / self.pain_times
+        strength = felt.strength * noise / self.threshold_times
+        return strength, pain >= model.discomfort * model.endures
 
     def _compared(
         self, perceived: float, hurts: bool, reference: int, question: Question
