@@ -9,7 +9,9 @@ The error is that of the threshold at the moment when it was found: it drifts. A
 not felt counts with its cap. `equalize` finds no thresholds: it begins with what the default method
 found with the same person, and its error is that of the level as strong as the reference's; an
 electrode that is weaker at its cap counts with its cap. A sitting whose reference is refused has no
-errors. Pain is of what was felt: of the whole array together, and of a reference as well.
+errors. Nor is there a calibration where all together is too strong down to below what is felt: such
+sittings are counted. Pain is of what was felt: of the whole array together, and of a reference as
+well.
 """
 
 from __future__ import annotations
@@ -73,6 +75,8 @@ class Sitting:
     #: The most pain that any presentation came to; 1 is where it begins for this person then.
     pain: float = 0.0
     left: int = 0
+    #: No calibration came of it.
+    is_refused: bool = False
 
 
 class _Person:
@@ -84,8 +88,10 @@ class _Person:
         self._person = SimulatedPerson(self._skin.sense, seed, PERSONS[person])
         self._true_ua: dict[int, float] = {}
 
-    def sit(self, method: Method, baseline: Calibration | None = None) -> Calibration:
-        """Raises: Refused, for a reference that was too strong."""
+    def sit(self, method: Method, baseline: Calibration | None = None) -> Calibration | None:
+        """None: no calibration, since all together was too strong at what is felt. Raises: Refused,
+        for a reference that was too strong.
+        """
         reference = None if baseline is None else _reference(baseline)
         conditions = replace(
             ROW, method=method, electrodes=ELECTRODES, array="grid-4x4", cap_ua=CAP_UA,
@@ -110,7 +116,8 @@ class _Person:
                 for one, limits in found.items()
                 if one != reference and limits.felt
             ]
-        return finished(progress, _DAY, "bench")
+        sitting.is_refused = bool(progress.found) and not progress.level_1_ua
+        return None if sitting.is_refused else finished(progress, _DAY, "bench")
 
     def _settle(self, electrode: int) -> None:
         times = self._person.threshold_times
@@ -144,8 +151,11 @@ def sit(method: Method, person: str, seed: int) -> Sitting:
         return one.sitting
     made = one.sit(DEFAULT)
     try:
-        one.sit(method, made)
+        if made is not None:
+            one.sit(method, made)
     except Refused:
+        one.sitting.is_refused = True
+    if one.sitting.is_refused:
         one.sitting.errors, one.sitting.presentations, one.sitting.left = [], 0, ELECTRODES
     return one.sitting
 
@@ -160,6 +170,7 @@ def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str
         "person": person,
         "electrodes": len(errors),
         "left": sum(sitting.left for sitting in sittings),
+        "refused": sum(sitting.is_refused for sitting in sittings),
         "presentations": round(sum(one.presentations for one in sittings) / len(errors), 1),
         "median": round(median(errors), 4),
         "nine_of_ten": round(nine_of_ten, 4),
@@ -174,7 +185,8 @@ def line_of(row: dict[str, Any]) -> str:
     return (
         f"{row['method']:<10}  {row['person']:<12}  off by {row['median']:6.1%} (median)"
         f" {row['nine_of_ten']:6.1%} (nine of ten), bias {row['bias']:+6.1%};"
-        f" {row['presentations']:5.1f} presentations an electrode, {row['left']} without a result;"
+        f" {row['presentations']:5.1f} presentations an electrode, {row['left']} without a result,"
+        f" {row['refused']} sittings without a calibration;"
         f" silence felt {row['false_alarm_rate']:4.0%}; most pain {row['pain']:.2f} of 1:"
         f" {'holds' if row['ok'] else 'FAILS'}"
     )

@@ -217,6 +217,16 @@ def _check_found(path: str, progress: Progress, electrode: int, limits: Electrod
         raise FileError(path, f"found.{electrode}", why, "start again with --restart")
 
 
+def _unfelt(progress: Progress) -> tuple[str, str]:
+    """Why there is nothing to store, and what to do."""
+    if progress.below_threshold:
+        return (
+            "all together was too strong down to below what is felt on each electrode",
+            "rest the skin, and calibrate anew with --restart, or fewer electrodes (--leave-out)",
+        )
+    return "nothing was felt anywhere", "check contact and cap"
+
+
 def finished(
     progress: Progress, date: datetime.date, program: str, gamma: float = 1.0
 ) -> Calibration:
@@ -224,12 +234,12 @@ def finished(
     figures are the lowest threshold found, or its `lowered_ua` if lower. Figures of another day
     than `date` are dated.
 
-    Raises: FileError if nothing was felt anywhere.
+    Raises: FileError if nothing is felt anywhere within its cap.
     """
     conditions, catches = progress.conditions, progress.catch_trials
     felt_ua = [limits.threshold_ua for limits in progress.found.values() if limits.felt]
     if not felt_ua:
-        raise FileError("the calibration", "", "nothing was felt anywhere", "check contact and cap")
+        raise FileError("the calibration", "", *_unfelt(progress))
     each = (
         progress.found.get(electrode) or _unknown(min(felt_ua), progress.lowered_ua.get(electrode))
         for electrode in range(conditions.electrodes)
