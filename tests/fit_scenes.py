@@ -28,10 +28,18 @@ from etd.pulse.measured import BEND_UA
 
 BOARD = "kajimoto-hv507"
 N, TODAY = 8, datetime.date(2026, 1, 15)
-#: Who adapts while he is asked, and the one that calibrations are judged on.
-ADAPTING = ResponseModel(adaptation=0.6)
+#: Who adapts while he is asked, pain and all, as it follows the threshold through the states; of
+#: whom pain stays, which leaves little between the two; and who has every weakness at once.
+ADAPTING = ResponseModel(adaptation=0.6, pain_adaptation=0.6)
+PAIN_STAYS = ResponseModel(adaptation=0.6)
 POOR = ResponseModel(
-    lapses=0.05, false_alarms=0.15, slips=0.03, drift=0.01, adaptation=0.6, noise=0.08
+    lapses=0.05,
+    false_alarms=0.15,
+    slips=0.03,
+    drift=0.01,
+    adaptation=0.6,
+    pain_adaptation=0.6,
+    noise=0.08,
 )
 CONDITIONS = msgspec.structs.replace(
     ROW, method="staircase", array="pad-8", electrodes=N, cap_ua=4_000

@@ -6,11 +6,12 @@ Must not know: how a k is fitted.
 
     python tests/bench/fit.py [--persons 200] [--fingers 60] [--seed 1] [--of poor indifferent]
 
-`adapting` and `poor` are persons on a skin of paper, whose thresholds follow its resistance by the
-k that is drawn for each, or do not. The others are fingers of these kinds (`etd_body.kinds`) behind
-the fake's board, leak included, 8 electrodes each: what is their k nobody chose, so it is computed
-(`true_k`), and the fingers of a kind have one, or none. The first bound is not of `poor`: of those
-it is told how many get theirs. Exit status 1 where a bound is not held.
+`adapting`, `pain-stays` and `poor` are persons on a skin of paper, whose thresholds follow its
+resistance by the k that is drawn for each, or do not. The others are fingers of these kinds
+(`etd_body.kinds`) behind the fake's board, leak included, 8 electrodes each: what is their k nobody
+chose, so it is computed (`true_k`), and the fingers of a kind have one, or none. The first bound is
+not of `poor`, nor where touch adapts and pain stays: of those it is told how many get theirs. Exit
+status 1 where a bound is not held.
 """
 
 from __future__ import annotations
@@ -31,7 +32,11 @@ import fit_scenes  # noqa: E402
 from bench import steady_fit_own  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 
-_MODELS = {"adapting": fit_scenes.ADAPTING, "poor": fit_scenes.POOR}
+_MODELS = {
+    "adapting": fit_scenes.ADAPTING,
+    "pain-stays": fit_scenes.PAIN_STAYS,
+    "poor": fit_scenes.POOR,
+}
 #: Fingers that feel less where they resist less, and those of which the resistance says nothing.
 _WITH_K, _WITHOUT = (BodyKind.AREA,), (BodyKind.INDIFFERENT, BodyKind.SWEAT)
 _OF = (*_MODELS, *_WITH_K, *_WITHOUT)

@@ -51,13 +51,17 @@ def test_thresholds_rise_by_adaptation_and_are_nearly_there_in_a_quarter_of_an_h
     assert 1.55 < adapting.threshold_times <= 1.6
 
 
-def test_pain_drifts_and_does_not_adapt() -> None:
-    """So what is turned up against adaptation comes nearer to it."""
-    model = ResponseModel(noise=0.0, lapses=0.0, drift=0.01, adaptation=0.6)
+@pytest.mark.parametrize(("pain_adaptation", "apart"), [(0.0, 1.6), (0.6, 1.0)])
+def test_pain_drifts_with_thresholds_and_adapts_by_a_figure_of_its_own(
+    pain_adaptation: float, apart: float
+) -> None:
+    model = ResponseModel(
+        noise=0.0, lapses=0.0, drift=0.01, adaptation=0.6, pain_adaptation=pain_adaptation
+    )
     felt = [Felt(1.2, 0.1)]
     person = SimulatedPerson(lambda _: felt[0], 3, model)
     asked(person)
-    assert 1.55 < person.threshold_times / person.pain_times <= 1.6
+    assert 0.97 * apart < person.threshold_times / person.pain_times <= apart
     assert person.pain_times != 1.0
     for part, answer in ((0.99, "not_felt"), (1.01, "too_strong")):
         felt[0] = Felt(0.0, part * model.discomfort * person.pain_times)

@@ -5,10 +5,11 @@ strength (1: felt half of the time) and pain (1: pain) of the last presentation 
 the body behind a fake board does.
 
 The model [design]: the perceived strength is the felt strength with log-normal noise, over what the
-person's thresholds have become by drift and adaptation. Pain drifts with them and does not adapt:
-what is turned up against adaptation comes nearer to it (as of the body, `etd_body.shifts`). A lapse
-is a random answer, a false alarm feels what is not there, a slip is another key than was meant. It
-does not represent any real person.
+person's thresholds have become by drift and adaptation. Pain drifts with them; whether it adapts is
+a figure of its own, since nobody has measured it: where it stays (as of the body,
+`etd_body.shifts`), what is turned up against adaptation comes nearer to it. A lapse is a random
+answer, a false alarm feels what is not there, a slip is another key than was meant. It does not
+represent any real person.
 """
 
 from __future__ import annotations
@@ -59,8 +60,9 @@ class ResponseModel:
     #: The standard deviation of what thresholds and pain change by from one presentation to the
     #: next, up or down (logarithm).
     drift: float = 0.0
-    #: The share by which thresholds have risen after a quarter of an hour; pain stays.
+    #: The share by which thresholds have risen after a quarter of an hour; and pain.
     adaptation: float = 0.0
+    pain_adaptation: float = 0.0
     #: Felt strength that is called comfortable.
     comfortable: float = 1.7
     #: Pain from which on it is called too strong.
@@ -91,13 +93,12 @@ class SimulatedPerson:
     @property
     def threshold_times(self) -> float:
         """What drift and adaptation have made of thresholds: times those of the body."""
-        adapted = 1.0 - exp(-_NEARLY * self._presentations / _QUARTER_HOUR)
-        return self.pain_times * (1.0 + self._model.adaptation * adapted)
+        return self._times(self._model.adaptation)
 
     @property
     def pain_times(self) -> float:
-        """What drift has made of pain: times that of the body."""
-        return exp(self._drifted)
+        """The same of pain."""
+        return self._times(self._model.pain_adaptation)
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
         if question.ask == "which":
@@ -112,6 +113,10 @@ class SimulatedPerson:
 
     def wants_stop(self) -> bool:
         return False
+
+    def _times(self, adaptation: float) -> float:
+        adapted = 1.0 - exp(-_NEARLY * self._presentations / _QUARTER_HOUR)
+        return exp(self._drifted) * (1.0 + adaptation * adapted)
 
     def _pressed(self, question: Question, meant: Answer) -> Answer:
         """The key for it, or another one of this question."""
