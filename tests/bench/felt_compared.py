@@ -31,12 +31,6 @@ from etd_body.kinds import BodyKind
 PERSONS = 3
 #: Of no answers': the variation over time on every body, and where the drift is common to all.
 MOST_TIMES, MOST_TIMES_COMMON = 1.05, 0.8
-#: Where lowering varies more than that, or leaves more not felt than a law may, and why it is done
-#: all the same: who says too strong is relieved.
-LOWERED: dict[BodyKind, str] = {
-    BodyKind.SUMMING: "its calibration knows no neighbors and is too strong for the whole array;"
-    " who says so gets less, which comes nearer to where it is not felt",
-}
 
 
 @dataclass(frozen=True)
@@ -146,7 +140,7 @@ def _figures(fingers: Sequence[Sequence[Played]]) -> Figures:
 
 
 def bounds(found: Sequence[Compared]) -> list[Bound]:
-    """What must hold of the variation, on every body but for those that are named."""
+    """What must hold of the variation, on every body."""
     return [
         Bound(
             f"{each.body}: variation over time, of nothing said{raising(each)}",
@@ -155,17 +149,6 @@ def bounds(found: Sequence[Compared]) -> list[Bound]:
             is_met=each.variation_times <= each.bound,
         )
         for each in found
-        if each.body not in LOWERED
-    ]
-
-
-def not_held(found: Sequence[Compared]) -> list[str]:
-    """A sentence for each body whose bound of variation is not held, and not asked."""
-    return [
-        f"{each.body}: the variation is {each.variation_times:.2f} times that without"
-        f" answers{raising(each)}, and {each.bound:g} is not held: {LOWERED[each.body]}."
-        for each in found
-        if each.body in LOWERED and each.variation_times > each.bound
     ]
 
 

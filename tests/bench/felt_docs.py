@@ -13,7 +13,7 @@ from textwrap import fill
 from rich.table import Table
 
 from bench import felt_harm
-from bench.felt_compared import Compared, not_held
+from bench.felt_compared import Compared
 from bench.run import Bound
 from bench.steady_docs import put
 
@@ -67,7 +67,6 @@ def write(page: Path, found: Sequence[Compared], said: str, not_met: Sequence[Bo
     raising = [each for each in found if each.may_raise]
     told = [
         *(f"Not met: {bound.what}: {bound.value:g} (bound {bound.bound:g})." for bound in not_met),
-        *not_held(found),
         *felt_harm.excluded(found),
     ]
     parts = [

@@ -1,8 +1,7 @@
 """Whether answers do harm: what is not felt, and what is above pain, beside nothing said.
 
 Owns: both bounds, and the bodies that the one of pain is not asked of where answers may raise, by
-name, and why; the one of what is not felt is not asked of those of `felt_compared.LOWERED`. Must
-not know: how answers are heeded, how it is shown.
+name, and why. Must not know: how answers are heeded, how it is shown.
 
 The bounds are those of a law (`steady_harm`): 1.2 times what there is without, and nothing above
 pain where there is nothing without. What ships, where answers only lower and give back, is held to
@@ -15,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf
 
-from bench.felt_compared import LOWERED, Compared, Figures, raising
+from bench.felt_compared import Compared, Figures, raising
 from bench.run import Bound
 from bench.steady_harm import MOST_TIMES
 from etd_body.kinds import BodyKind
@@ -33,20 +32,14 @@ EXCLUDED: dict[BodyKind, str] = {
 
 
 def bounds(found: Sequence[Compared]) -> list[Bound]:
-    """What must hold, on every body but for the excluded ones."""
-    felt = [_not_felt(each) for each in found if each.body not in LOWERED]
+    """What must hold of what is not felt, and of pain on every body but for the excluded ones."""
+    felt = [_not_felt(each) for each in found]
     return felt + [_above_pain(each) for each in found if not _is_excluded(each)]
 
 
 def excluded(found: Sequence[Compared]) -> list[str]:
     """A sentence for each body that is out of a bound, and excluded."""
-    lowered = [
-        f"{each.body} is excluded{raising(each)}: not felt is {_not_felt_times(each):.1f} times as"
-        f" much as without answers: {LOWERED[each.body]}."
-        for each in found
-        if each.body in LOWERED and _not_felt_times(each) > MOST_TIMES
-    ]
-    return lowered + [
+    return [
         f"{each.body} is excluded{raising(each)}: scans above pain are"
         f" {each.said.scans_above_pain:.0f} with answers, {each.plain.scans_above_pain:.0f}"
         f" without, which is more than {MOST_TIMES:g} times as many: {EXCLUDED[each.body]}."
@@ -66,11 +59,7 @@ def _is_excluded(each: Compared) -> bool:
 
 def _not_felt(each: Compared) -> Bound:
     what = f"{each.body}: not felt, of nothing said{raising(each)}"
-    return _at_most(what, _not_felt_times(each))
-
-
-def _not_felt_times(each: Compared) -> float:
-    return each.said.not_felt / max(each.plain.not_felt, UNTOLD)
+    return _at_most(what, each.said.not_felt / max(each.plain.not_felt, UNTOLD))
 
 
 def _is_above(figures: Figures) -> bool:

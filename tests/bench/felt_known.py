@@ -28,7 +28,7 @@ class Known:
 
     def __init__(self, kind: BodyKind, seed: int, minutes: float) -> None:
         finger = finger_of(kind, seed, minutes)
-        frame, self.wanted = frame_ua(finger), wanted_of(finger)
+        frame, self.wanted = frame_ua(finger.calibration), wanted_of(finger)
         over: list[list[list[float]]] = []
 
         def look(now_ns: int) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.felt_person import Manner, Person, times_wanted
-from bench.felt_play import ELECTRODES, LEVEL, MINUTES, wanted_of
+from bench.felt_play import ELECTRODES, LEVEL, MINUTES, wanted_alone
 from bench.steady_figures import SteadyFigures, figures
 from bench.steady_harm import Harm, Pooled
 from bench.steady_laws import LAWS, NONE
@@ -50,7 +50,7 @@ class _Answers:
         if now_ns < self._next_ns or not scans:
             return
         lately = np.array([felt for _, felt, _ in scans[-int(_HEEDED_S * RATE_HZ) :]])
-        answer = self._person.says(times_wanted(lately, wanted_of(finger)))
+        answer = self._person.says(times_wanted(lately, wanted_alone(finger)))
         heard = rig.ask(SayFelt, answer=answer, lease=LEASE)
         assert heard.error is None, heard.reason
         self._next_ns = now_ns + int(self._person.again_s(answer) * 1e9)

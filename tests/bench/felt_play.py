@@ -18,19 +18,20 @@ from typing import Protocol
 import numpy as np
 
 from bench import steady_skin
-from bench.felt_person import Manner, Person, times_wanted, wanted_strength
+from bench.felt_person import EXPONENT, Manner, Person, times_wanted, wanted_strength
+from bench.felt_whole import APART_NS, WholeFinger, felt_whole, pulse
 from bench.steady_figures import SteadyFigures, figures
 from bench.steady_run import Kept
-from bench.steady_skin import CALIBRATED_S, WIDTH_US, Finger
+from bench.steady_skin import CALIBRATED_S, Finger
 from etd.files.configuration import fake_config
+from etd.protocol.calibration import Calibration
 from etd.stabilize.said import FeltOffsets
-from etd_body.interface import Side
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
 
 ELECTRODES, LEVEL, MINUTES = 8, 0.6, 10.0
-#: All electrodes once in so long, 2 ms apart; a pulse in a second is use, to a body that adapts.
-SCAN_NS, APART_NS = 800_000_000, 2_000_000
+#: All electrodes once in so long; a pulse in a second is use, to a body that adapts.
+SCAN_NS = 800_000_000
 #: What is felt in so many scans is what is answered for.
 HEEDED = 6
 
@@ -110,36 +111,44 @@ def play(
     )
 
 
-def finger_of(kind: BodyKind, seed: int, minutes: float = MINUTES) -> Finger:
+def finger_of(kind: BodyKind, seed: int, minutes: float = MINUTES) -> WholeFinger:
+    """Calibrated electrode by electrode, and then all together."""
     loaded = fake_config(electrodes=ELECTRODES)
-    return steady_skin.finger(
+    finger = steady_skin.finger(
         seed, loaded.board, loaded.array, minutes, None, kind, from_s=CALIBRATED_S
     )
+    return felt_whole(finger, seed, loaded, kind, frame_ua)
 
 
-def frame_ua(finger: Finger) -> Floats:
+def frame_ua(calibration: Calibration) -> Floats:
     """What the frame asks of each electrode."""
     return np.array(
         [
             (each.threshold_ua + LEVEL * (each.comfortable_ua - each.threshold_ua)) * each.felt
-            for each in finger.calibration.electrode
+            for each in calibration.electrode
         ]
     )
 
 
-def wanted_of(finger: Finger) -> Floats:
-    """The strength that each electrode had with that when it was calibrated."""
-    thresholds = np.array([float(each.threshold_ua) for each in finger.calibration.electrode])
-    return wanted_strength(frame_ua(finger), thresholds)
+def wanted_alone(finger: Finger) -> Floats:
+    """The strength that each electrode had with that when it was calibrated alone."""
+    electrodes = finger.calibration.electrode
+    thresholds = np.array([float(each.threshold_ua) for each in electrodes])
+    return wanted_strength(frame_ua(finger.calibration), thresholds)
+
+
+def wanted_of(finger: WholeFinger) -> Floats:
+    """The same among its neighbors, as it was accepted."""
+    return wanted_alone(finger) * finger.among**EXPONENT
 
 
 def scans(
-    finger: Finger, factors: Factors, looked: Callable[[int], None] = lambda _: None
+    finger: WholeFinger, factors: Factors, looked: Callable[[int], None] = lambda _: None
 ) -> tuple[Kept, list[float]]:
     """What was felt of each scan, and how strong it was lately for whom it belongs to. `looked`:
     called with the time before each scan.
     """
-    currents_ua, wanted = frame_ua(finger), wanted_of(finger)
+    currents_ua, wanted = frame_ua(finger.calibration), wanted_of(finger)
     caps_ua = [each.cap_ua for each in finger.calibration.electrode]
     finger.course.begin(0.0)
     felt: list[Floats] = []
@@ -151,7 +160,7 @@ def scans(
         for electrode in map(int, np.flatnonzero(currents_ua)):
             at_ns = now_ns + electrode * APART_NS
             ua = currents_ua[electrode] * factors.of(electrode, at_ns)
-            _pulse(finger, electrode, min(ua, caps_ua[electrode]), at_ns)
+            pulse(finger.body, electrode, min(ua, caps_ua[electrode]), at_ns)
         found_felt, found_pain = finger.body.take_felt()
         felt.append(np.array(found_felt))
         pain.append(np.array(found_pain))
@@ -171,15 +180,3 @@ def scans(
         counters={},
     )
     return kept, times
-
-
-#: By electrode: one against all others, anodic. The body keeps what it knows of each by the object.
-_SIDES = tuple(
-    tuple(Side.SOURCE if other == electrode else Side.GROUND for other in range(ELECTRODES))
-    for electrode in range(ELECTRODES)
-)
-
-
-def _pulse(finger: Finger, electrode: int, current_ua: float, at_ns: int) -> None:
-    finger.body.drive(at_ns, current_ua, _SIDES[electrode])
-    finger.body.drive(at_ns + WIDTH_US * 1_000, 0.0, _SIDES[electrode])

@@ -28,7 +28,6 @@ from bench.felt_compared import (  # noqa: E402
     Compared,
     bounds,
     compared,
-    not_held,
 )
 from bench.felt_person import Manner  # noqa: E402
 from bench.felt_play import MINUTES  # noqa: E402
@@ -75,7 +74,7 @@ def main() -> int:
     ships = [each for each in found if not each.may_raise]
     raising = [each for each in found if each.may_raise]
     checked = bounds(found) + felt_harm.bounds(found)
-    excluded = not_held(found) + felt_harm.excluded(found)
+    excluded = felt_harm.excluded(found)
     not_met = [bound for bound in checked if not bound.is_met]
     if args.json:
         plain = {"bodies": [asdict(each) for each in found], "excluded": excluded}

@@ -12,26 +12,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import felt_docs, felt_harm
+from bench import felt_docs, felt_harm, steady_skin
 from bench.felt_compared import (
-    LOWERED,
     MOST_TIMES,
     MOST_TIMES_COMMON,
     Compared,
     Figures,
     bounds,
     compared,
-    not_held,
 )
 from bench.felt_drift import COMMON, LEAST_SIZE, Drift
 from bench.felt_laws import UNTOLD, WithLaw, with_law
 from bench.felt_person import ANSWERS_S, INSISTS_S, Manner, Person, times_wanted
-from bench.felt_play import Unsaid, finger_of, play, scans
+from bench.felt_play import (
+    ELECTRODES,
+    Said,
+    Unsaid,
+    finger_of,
+    play,
+    scans,
+    wanted_alone,
+    wanted_of,
+)
 from bench.fresh_seeds import FELT, LOOKED_AT, STEADY, TESTED
 from bench.run import Bound
 from bench.steady_felt import asked
 from bench.steady_figures import SteadyFigures
 from bench.steady_laws import NONE
+from etd.files.configuration import fake_config
+from etd.protocol.calibration import Calibration
 from etd_body.kinds import BodyKind
 
 PAGE = Path(__file__).parents[2] / "docs" / "stabilization.md"
@@ -81,30 +90,17 @@ def test_all_that_ships_is_asked_and_of_raising_what_it_is_for() -> None:
     ]
 
 
-def test_where_safety_has_it_it_is_said_and_nowhere_else() -> None:
-    for times in (1.04, 1.06):
-        made = made_up(times, EACH_ITS_OWN, may_raise=False)
-        lowered = [replace(made, body=body) for body in LOWERED]
-        assert bounds(lowered) == []
-        assert [f"is {times:.2f} times" in said for said in not_held(lowered)] == (
-            [True] * len(LOWERED) if times > MOST_TIMES else []
-        )
-        assert not_held([made]) == []
-    assert set(LOWERED) == {BodyKind.SUMMING}, "each is named on the page"
-
-
 def harmed(body: BodyKind, plain: Figures, said: Figures, *, may_raise: bool = True) -> Compared:
     return Compared(body, may_raise, said, plain, 1.0, 1.0, EACH_ITS_OWN)
 
 
 @pytest.mark.parametrize("body", BodyKind)
-def test_what_is_not_felt_has_a_bound_or_is_said(body: BodyKind) -> None:
+def test_what_is_not_felt_has_a_bound(body: BodyKind) -> None:
     plain = replace(PLAIN, not_felt=0.1)
     for not_felt, is_met in ((0.119, True), (0.121, False)):
         found = [harmed(body, plain, replace(plain, not_felt=not_felt), may_raise=False)]
         held = [bound.is_met for bound in felt_harm.bounds(found) if "not felt" in bound.what]
-        assert held == ([] if body in LOWERED else [is_met])
-        assert len(felt_harm.excluded(found)) == (body in LOWERED and not is_met)
+        assert held == [is_met]
 
 
 @pytest.mark.parametrize("body", BodyKind)
@@ -181,12 +177,23 @@ def test_who_is_always_right_is_not_served_worse() -> None:
     assert right.over_time <= 1.1 * erring.over_time
 
 
+def calibrated_alone(kind: BodyKind, seed: int) -> Calibration:
+    loaded = fake_config(electrodes=ELECTRODES)
+    return steady_skin.calibrated(seed, loaded.board, loaded.array, kind)
+
+
 def test_who_insists_has_it_too_strong_for_less_of_the_time() -> None:
-    """On the body whose calibration is too strong for the whole array."""
+    """On a finger whose neighbors add, and whose array was never felt all together."""
     (seed,) = TESTED
-    patient = play(BodyKind.SUMMING, seed, Manner(right=1.0))
-    insisting = play(BodyKind.SUMMING, seed, Manner(right=1.0, insists=True))
-    assert insisting.too_strong < 0.7 * patient.too_strong
+    alone = calibrated_alone(BodyKind.SUMMING, seed)
+
+    def too_strong(manner: Manner) -> float:
+        finger = finger_of(BodyKind.SUMMING, seed)
+        finger = replace(finger, calibration=alone, among=np.ones(ELECTRODES))
+        _, times = scans(finger, Said(Person(manner, seed), may_raise=False))
+        return float(np.mean([Person(manner, seed).judges(it) == "too_strong" for it in times]))
+
+    assert too_strong(Manner(right=1.0, insists=True)) < 0.7 * too_strong(Manner(right=1.0))
 
 
 def with_a_law(body: BodyKind, times: float, off_min: float | None) -> WithLaw:
@@ -247,6 +254,28 @@ def test_where_nothing_changes_it_is_as_strong_as_it_was_wanted() -> None:
     (seed,) = TESTED
     _, times = scans(finger_of(BodyKind.INDIFFERENT, seed, 3.0), Unsaid())
     assert np.median(times) == pytest.approx(1.0, abs=0.05)
+
+
+def test_who_feels_the_whole_array_takes_down_what_neighbors_add() -> None:
+    """Where they add nothing, the levels stay as each electrode has them."""
+    (seed,) = TESTED
+    taken = {}
+    for kind in (BodyKind.SUMMING, BodyKind.INDIFFERENT):
+        alone = calibrated_alone(kind, seed)
+        both = zip(finger_of(kind, seed).calibration.electrode, alone.electrode, strict=True)
+        taken[kind] = [one.comfortable_ua / other.comfortable_ua for one, other in both]
+    assert taken[BodyKind.INDIFFERENT] == [1.0] * ELECTRODES
+    assert 0.7 < np.median(taken[BodyKind.SUMMING]) < 0.9
+
+
+def test_what_is_wanted_is_what_was_felt_among_neighbors() -> None:
+    (seed,) = TESTED
+    for kind, most in ((BodyKind.SUMMING, 1.6), (BodyKind.INDIFFERENT, 1.1)):
+        finger = finger_of(kind, seed)
+        alone = wanted_alone(finger)
+        times = wanted_of(finger)[alone > 0.0] / alone[alone > 0.0]
+        assert times.max() < most
+        assert (np.median(times) > 1.3) == (kind is BodyKind.SUMMING)
 
 
 def test_only_what_was_wanted_is_compared() -> None:
