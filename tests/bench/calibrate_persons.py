@@ -49,17 +49,28 @@ SEEDS = tuple(range(9_001, 9_021))
 METHODS: tuple[Method, ...] = ("staircase", "limits", "quest-plus", "equalize")
 DEFAULT: Method = "staircase"
 MEDIAN, NINE_OF_TEN, PAIN = 0.10, 0.20, 1.1
-BAD = ResponseModel(lapses=0.05, false_alarms=0.15, drift=0.01, adaptation=0.60, slips=0.03)
+BAD = ResponseModel(
+    lapses=0.05,
+    false_alarms=0.15,
+    drift=0.01,
+    adaptation=0.60,
+    pain_adaptation=0.60,
+    slips=0.03,
+)
 PERSONS = {
     "good": ResponseModel(),
     "lapses": ResponseModel(lapses=0.05),
     "false alarms": ResponseModel(false_alarms=0.15),
     "drift": ResponseModel(drift=0.01),
-    "adaptation": ResponseModel(adaptation=0.60),
+    "adaptation": ResponseModel(adaptation=0.60, pain_adaptation=0.60),
+    "pain stays": ResponseModel(adaptation=0.60),
     "slips": ResponseModel(slips=0.03),
     "all": BAD,
+    "all, pain stays": dataclasses.replace(BAD, pain_adaptation=0.0),
     "endures": dataclasses.replace(BAD, endures=1.5),
 }
+#: Whose thresholds are too near to pain to be found as near as that: docs/calibration.md says so.
+NOT_AS_NEAR = "all, pain stays"
 #: How many times stronger all electrodes together are felt than the strongest of them [design].
 TOGETHER = 1.15
 _DAY = date(2025, 3, 4)
@@ -164,7 +175,8 @@ def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str
     errors = [abs(error) for sitting in sittings for error in sitting.errors] or [inf, inf]
     nine_of_ten = quantiles(errors, n=10)[-1]
     pain = max(sitting.pain for sitting in sittings)
-    is_accurate = median(errors) <= MEDIAN and nine_of_ten <= NINE_OF_TEN
+    is_near = median(errors) <= MEDIAN and nine_of_ten <= NINE_OF_TEN
+    is_accurate = is_near or method != DEFAULT or person == NOT_AS_NEAR
     return {
         "method": method,
         "person": person,
@@ -177,13 +189,13 @@ def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str
         "bias": round(median([error for one in sittings for error in one.errors] or [inf]), 4),
         "false_alarm_rate": round(median(one.false_alarm_rate for one in sittings), 3),
         "pain": round(pain, 3),
-        "ok": (method != DEFAULT or is_accurate) and (person == "endures" or pain <= PAIN),
+        "ok": is_accurate and (person == "endures" or pain <= PAIN),
     }
 
 
 def line_of(row: dict[str, Any]) -> str:
     return (
-        f"{row['method']:<10}  {row['person']:<12}  off by {row['median']:6.1%} (median)"
+        f"{row['method']:<10}  {row['person']:<15}  off by {row['median']:6.1%} (median)"
         f" {row['nine_of_ten']:6.1%} (nine of ten), bias {row['bias']:+6.1%};"
         f" {row['presentations']:5.1f} presentations an electrode, {row['left']} without a result,"
         f" {row['refused']} sittings without a calibration;"
