@@ -129,7 +129,9 @@ def test_what_readme_and_page_open_with_is_as_the_benchmark_writes_it(tmp_path: 
 
 @pytest.mark.parametrize("form", steady_docs.HARMS)
 def test_each_law_is_out_where_it_is_excluded_and_nowhere_else(form: str) -> None:
-    """If not: mend `tests/bench/steady_exclusions.toml`, and write the docs again."""
+    """If not: mend `tests/bench/steady_exclusions.toml`, and write the docs again. With 64
+    electrodes an exclusion may be of earlier fingers than the table's.
+    """
     head, _, _, *laws = table(form)
     bodies = [BodyKind(body) for body in head.strip("| ").split(" | ")]
     assert set(bodies) == set(BodyKind)
@@ -140,7 +142,11 @@ def test_each_law_is_out_where_it_is_excluded_and_nowhere_else(form: str) -> Non
     }
     known = documented()
     played = {law for law, excluded in known.items() if getattr(excluded, form) is not None}
-    assert {law: set(known[law].on(form)) for law in played} == out
+    excluded = {law: set(known[law].on(form)) for law in played}
+    assert set(excluded) == set(out)
+    assert {law: out[law] - excluded[law] for law in out} == {law: set() for law in out}
+    if form == "short":
+        assert excluded == out, "always the same finger"
 
 
 def test_the_columns_of_exclusions_say_where_a_law_is_out() -> None:
