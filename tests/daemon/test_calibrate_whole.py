@@ -17,7 +17,7 @@ from etd.calibrate.progress import Progress, finished, load_progress, save_progr
 from etd.calibrate.trial import Stopped, Unsettled
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import ElectrodeLimits, current_of_felt
-from etd.protocol.errors import Refused
+from etd.protocol.errors import FileError, Refused
 from noisy_skin import NoisySkin
 
 TODAY = datetime.date(2025, 3, 4)
@@ -156,3 +156,13 @@ def test_a_level_that_stays_at_its_threshold_is_presented_again_with_the_rest(
     assert kept.is_whole_accepted
     assert skin.wholes[-1] == kept.level_1_ua
     assert len(skin.wholes) > 4
+
+
+def test_all_together_too_strong_at_every_level_is_told_as_that() -> None:
+    """Where touch has adapted and pain has not, nothing may be left of any level."""
+    progress = Progress(conditions=replace(ROW, electrodes=2), found={0: FOUND, 1: NEAR})
+    while progress.level_1_ua:
+        progress.take_down(1.1)
+    assert set(progress.below_threshold) == {0, 1}
+    with pytest.raises(FileError, match=r"all together was too strong down to below .* --restart"):
+        finished(progress, TODAY, "test")

@@ -431,17 +431,6 @@ def test_nothing_felt_anywhere_is_no_calibration() -> None:
         finished(Progress(conditions=conditions()), TODAY, "test")
 
 
-def test_all_together_too_strong_at_every_level_is_told_as_that() -> None:
-    """Where touch has adapted and pain has not, nothing may be left of any level."""
-    found = ElectrodeLimits(threshold_ua=1_111, comfortable_ua=2_222, cap_ua=2_333)
-    progress = Progress(conditions=conditions("limits", 2), found={0: found, 1: found})
-    while progress.level_1_ua:
-        progress.take_down(1.1)
-    assert set(progress.below_threshold) == {0, 1}
-    with pytest.raises(FileError, match=r"all together was too strong down to below .* --restart"):
-        finished(progress, TODAY, "test")
-
-
 def test_the_same_seed_answers_the_same() -> None:
     progress, other = (calibrated(NoisySkin(4, 22))[0] for _ in range(2))
     assert progress == other
