@@ -23,14 +23,13 @@ from bench.steady_skin import (
     ASKED_S,
     CALIBRATED_S,
     MOST_CAP_UA,
-    RATE_HZ,
     WIDTH_US,
     Finger,
     attachment_of,
     body_of,
+    conditions_of,
 )
 from etd.calibrate.answers import Answer, Question
-from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.progress import Progress
 from etd.calibrate.stimulator import Delivered
@@ -69,7 +68,9 @@ def felt_whole(
     alone = finger.calibration
     array = _Array(seed, loaded, kind)
     progress = Progress(
-        conditions=_conditions(alone), found=dict(enumerate(alone.electrode)), seed=seed
+        conditions=conditions_of(alone, int(MOST_CAP_UA)),
+        found=dict(enumerate(alone.electrode)),
+        seed=seed,
     )
     Course(progress, array, _Whole(array, alone), lambda: alone.date).feel_whole()
     accepted = tuple(progress.found[one] for one in range(len(alone.electrode)))
@@ -147,7 +148,7 @@ class _Array:
         """No lease lapses here."""
 
     def stop(self) -> None:
-        raise AssertionError("nobody stops")
+        raise AssertionError("no presentation is stopped")
 
 
 class _Whole:
@@ -169,19 +170,3 @@ class _Whole:
 
     def wants_stop(self) -> bool:
         return False
-
-
-def _conditions(made: Calibration) -> Conditions:
-    return Conditions(
-        participant=made.participant,
-        method="staircase",
-        body_site=made.body_site,
-        array=made.array,
-        electrodes=len(made.electrode),
-        polarity=made.polarity,
-        width_us=made.width_us,
-        rate_hz=RATE_HZ,
-        returns=made.returns,
-        pulses=5,
-        cap_ua=int(MOST_CAP_UA),
-    )

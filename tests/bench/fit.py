@@ -8,10 +8,10 @@ Must not know: how a k is fitted.
 
 `adapting`, `pain-stays` and `poor` are persons on a skin of paper, whose thresholds follow its
 resistance by the k that is drawn for each, or do not. The others are fingers of these kinds
-(`etd_body.kinds`) behind the fake's board, leak included, 8 electrodes each: what is their k nobody
-chose, so it is computed (`true_k`), and the fingers of a kind have one, or none. The first bound is
-not of `poor`, nor where touch adapts and pain stays: of those it is told how many get theirs. Exit
-status 1 where a bound is not held.
+(`etd_body.kinds`) behind the fake's board, leak included, 8 electrodes each: their k follows from
+the body, so it is computed (`true_k`), and the fingers of a kind have one, or none. The first bound
+is not of `poor`, nor where touch adapts and pain stays: of those it is told how many get theirs.
+Exit status 1 where a bound is not held.
 """
 
 from __future__ import annotations

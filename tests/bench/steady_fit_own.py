@@ -27,8 +27,14 @@ sys.path[:0] = [str(_TESTS)]
 import numpy as np  # noqa: E402
 
 from bench import fresh_seeds  # noqa: E402
-from bench.steady_skin import MOST_CAP_UA, RATE_HZ, WIDTH_US, body_of, calibrated, seen_ohm  # noqa: E402
-from etd.calibrate.conditions import Conditions  # noqa: E402
+from bench.steady_skin import (  # noqa: E402
+    MOST_CAP_UA,
+    WIDTH_US,
+    body_of,
+    calibrated,
+    conditions_of,
+    seen_ohm,
+)
 from etd.calibrate.exponent import NoFit  # noqa: E402
 from etd.calibrate.fitting import FitProgress, Fitting, electrodes_to_ask  # noqa: E402
 from etd.calibrate.person import Felt, SimulatedPerson  # noqa: E402
@@ -120,21 +126,8 @@ def own_fit(
     body = body_of(seed, loaded.board, loaded.array, kind)
     places = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
     finger = _Finger(body, StatedCourse(places, seed=seed), seed)
-    conditions = Conditions(
-        participant=made.participant,
-        method="staircase",
-        body_site=made.body_site,
-        array=made.array,
-        electrodes=electrodes,
-        polarity=made.polarity,
-        width_us=WIDTH_US,
-        rate_hz=RATE_HZ,
-        returns=made.returns,
-        pulses=5,
-        cap_ua=limit_ua,
-    )
     progress = FitProgress(
-        conditions=conditions,
+        conditions=conditions_of(made, limit_ua),
         electrodes=electrodes_to_ask(made),
         seed=seed,
         board=loaded.board.name,

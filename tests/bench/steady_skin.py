@@ -18,6 +18,7 @@ from statistics import median
 
 import numpy as np
 
+from etd.calibrate.conditions import Conditions
 from etd.files.array import Array
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd_body.course import BUSY, Course, SkinNow
@@ -237,6 +238,23 @@ def limits_of(body: LivingBody, attachment: Course, electrode: int) -> Electrode
         cap_ua=round(min(MOST_CAP_UA, max(comfortable_ua, _CAP_BELOW_PAIN * pain_ua))),
         resistance_ohm=round(ohm),
         felt=threshold_ua < MOST_UA,
+    )
+
+
+def conditions_of(made: Calibration, limit_ua: int) -> Conditions:
+    """Of asking this finger again; nothing above `limit_ua` is presented."""
+    return Conditions(
+        participant=made.participant,
+        method="staircase",
+        body_site=made.body_site,
+        array=made.array,
+        electrodes=len(made.electrode),
+        polarity=made.polarity,
+        width_us=made.width_us,
+        rate_hz=made.rate_hz,
+        returns=made.returns,
+        pulses=5,
+        cap_ua=limit_ua,
     )
 
 

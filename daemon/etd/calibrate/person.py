@@ -5,11 +5,11 @@ strength (1: felt half of the time) and pain (1: pain) of the last presentation 
 the body behind a fake board does.
 
 The model [design]: the perceived strength is the felt strength with log-normal noise, over what the
-person's thresholds have become by drift and adaptation. Pain drifts with them; whether it adapts is
-a figure of its own, since nobody has measured it: where it stays (as of the body,
-`etd_body.shifts`), what is turned up against adaptation comes nearer to it. A lapse is a random
-answer, a false alarm feels what is not there, a slip is another key than was meant. It does not
-represent any real person.
+person's thresholds have become by drift and adaptation. Pain drifts with them. Its
+adaptation is a separate parameter, since no measurement of it is known to us: with 0, as in the
+body (`etd_body.shifts`), a current raised against adaptation comes nearer to pain. A lapse is a
+random answer, a false alarm feels what is not there, a slip is another key than was meant. It does
+not represent any real person.
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ class ResponseModel:
     #: The standard deviation of what thresholds and pain change by from one presentation to the
     #: next, up or down (logarithm).
     drift: float = 0.0
-    #: The share by which thresholds have risen after a quarter of an hour; and pain.
+    #: The share by which thresholds have risen after a quarter of an hour.
     adaptation: float = 0.0
+    #: The same of pain.
     pain_adaptation: float = 0.0
     #: Felt strength that is called comfortable.
     comfortable: float = 1.7
@@ -97,7 +98,7 @@ class SimulatedPerson:
 
     @property
     def pain_times(self) -> float:
-        """The same of pain."""
+        """What drift and adaptation have made of pain: times that of the body."""
         return self._times(self._model.pain_adaptation)
 
     def answer(self, question: Question, _: Callable[[], None]) -> Answer:
