@@ -6,11 +6,13 @@ Owns: the bounds on connections, their handshake and what they leave unread, and
 from __future__ import annotations
 
 import json
+import os
+import resource
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -151,6 +153,21 @@ def test_a_full_socket_has_no_room_for_more_of_the_same_process(rig: GatewayRig)
     rig.until(lambda: rig.counter("control_disconnects") == MOST_CONNECTIONS - 1)
 
 
+def test_a_request_of_a_client_that_was_turned_away_is_sent_again_when_there_is_room(
+    rig: GatewayRig,
+) -> None:
+    with ExitStack() as stack:
+        held = []
+        for _ in range(MOST_CONNECTIONS - 1):
+            held.append(client(rig, stack, GOOD))
+            rig.step()
+        late = stack.enter_context(rig.socket(zmq.DEALER, "control.sock"))
+        late.send(b'{"op":"hello"}')
+        rig.until(lambda: rig.counter("control_turned_away") == 1)
+        held[0].close()
+        assert rig.reply(late)["ok"]
+
+
 def test_the_process_with_most_connections_ends_no_handshake_of_another(rig: GatewayRig) -> None:
     with ExitStack() as stack:
         for _ in range(MOST_CONNECTIONS):
@@ -250,6 +267,46 @@ def test_guests_give_way_to_one_another_and_none_with_a_stop_on_its_way(rig: Gat
         crowded(rig, stack, 1)
         assert stops_heard(rig) == 1
         assert not any(is_ended(rig, one) for one in held)
+
+
+@contextmanager
+def no_descriptor_left() -> Iterator[None]:
+    """For this process, and so for the gateway in it."""
+    before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    lowest = os.dup(0)
+    os.close(lowest)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))
+
+
+def test_without_a_descriptor_left_no_client_is_turned_away_for_a_newcomer(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        stopper = client(rig, stack, GOOD)
+        rig.step(2)
+        newcomers = [client(rig, stack, GOOD) for _ in range(3)]
+        poured(stopper, part(b'{"op":"stop"}'))
+        with no_descriptor_left():
+            rig.step(4)
+        assert stops_heard(rig) == 1
+        assert not is_ended(rig, stopper)
+        assert all(is_ended(rig, one) for one in newcomers)
+        assert rig.counter("control_turned_away") == 3
+        newcomer = client(rig, stack, GOOD)
+        rig.step(2)
+        assert not is_ended(rig, newcomer), "there are descriptors again"
+
+
+def test_without_a_descriptor_left_the_silent_give_way_to_a_stop(rig: GatewayRig) -> None:
+    with ExitStack() as stack:
+        client(rig, stack, b"")
+        rig.step()
+        client(rig, stack, GOOD + part(b'{"op":"stop"}'))
+        with no_descriptor_left():
+            rig.step(4)
+        assert stops_heard(rig) == 1
 
 
 def test_an_answer_of_the_engine_does_not_wait_for_all_requests(rig: GatewayRig) -> None:

@@ -11,7 +11,7 @@ import struct
 from collections import deque
 
 from etd.gateway.turns import Sender
-from etd.gateway.zmtp import Parts, Reader, Violation, opening
+from etd.gateway.zmtp import GREETING, Parts, Reader, Violation
 
 #: Read in one turn: a long message takes some. With the longest message, half received, all that is
 #: stored of what was sent.
@@ -54,7 +54,7 @@ class Connection:
         pid, uid, _ = _CREDENTIALS.unpack(packed)
         self.sender = Sender(uid, pid)
         self.uid = uid
-        self.send(opening(kind))
+        self.send(GREETING)
 
     @property
     def is_ready(self) -> bool:
@@ -99,7 +99,9 @@ class Connection:
                 may_go_on = self._receive()
                 taken = self._reader.take()
             if taken is not None and not was_ready:
-                # The end of the handshake: a stop that came with it waits for no other turn.
+                # The end of the handshake: a stop that came with it waits for no other turn, and is
+                # heard also of a client that has left and reads no READY.
+                self.send(taken[1])
                 taken, may_go_on = self._reader.take(), True
         except Violation:
             self.break_off()

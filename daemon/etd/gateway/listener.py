@@ -12,7 +12,7 @@ import select
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from etd.gateway import places
@@ -51,6 +51,8 @@ class Listener:
         self._counts: Counter[str] = Counter()
         self._name = path.stem
         self._numbers = itertools.count(1)
+        #: Given up where no other is left, so that a newcomer can be heard or closed at all.
+        self._spare: int | None = None
         path.unlink(missing_ok=True)  # of a gateway that was killed: the lock is held by this one
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -59,6 +61,7 @@ class Listener:
                 self._socket.bind(str(path))
             self._socket.listen(_BACKLOG)
             epoll.register(self._socket, select.EPOLLIN)
+            self._spare = _idle_descriptor()
         except BaseException:
             self._socket.close()
             raise
@@ -69,6 +72,7 @@ class Listener:
             for connection in self._connections.values():
                 connection.close()
             self._socket.close()
+            self._give_up_spare()
             self._path.unlink(missing_ok=True)
 
     @property
@@ -168,21 +172,39 @@ class Listener:
             except BlockingIOError:
                 return
             except OSError:
-                # No descriptor is left: one of these gives way.
-                held = list(self._connections.values())
-                if held:
-                    self.turn_away(places.silent_one(held) or held[-1])
+                self._accept_last()
                 return
-            made = Connection(accepted, self._kind, self._most_bytes, next(self._numbers))
-            verdict = places.let_in(made, list(self._connections.values()), self._most_guests)
-            if verdict.leaving is not None:
-                self.turn_away(verdict.leaving)
-            if verdict.is_let_in:
-                made.is_guest = verdict.is_guest
-                self._admit(made)
-            else:
-                made.close()
-                self._counts[f"{self._name}_turned_away"] += 1
+            self._judge(accepted)
+
+    def _accept_last(self) -> None:
+        """With the spare descriptor: nobody whose words may be on the way makes room unheard."""
+        self._give_up_spare()
+        try:
+            # Another process may have taken the system's last, or the newcomer may have left.
+            with suppress(OSError):
+                accepted, _ = self._socket.accept()
+                self._judge(accepted, is_last=True)
+        finally:
+            with suppress(OSError):
+                self._spare = _idle_descriptor()
+
+    def _give_up_spare(self) -> None:
+        if self._spare is not None:
+            os.close(self._spare)
+            self._spare = None
+
+    def _judge(self, accepted: socket.socket, is_last: bool = False) -> None:
+        made = Connection(accepted, self._kind, self._most_bytes, next(self._numbers))
+        held = list(self._connections.values())
+        verdict = places.let_in(made, held, self._most_guests, is_last)
+        if verdict.leaving is not None:
+            self.turn_away(verdict.leaving)
+        if verdict.is_let_in:
+            made.is_guest = verdict.is_guest
+            self._admit(made)
+        else:
+            made.close()
+            self._counts[f"{self._name}_turned_away"] += 1
 
     def _admit(self, made: Connection) -> None:
         fileno = made.fileno()
@@ -213,3 +235,7 @@ def _group_only() -> Iterator[None]:
         yield
     finally:
         os.umask(before)
+
+
+def _idle_descriptor() -> int:
+    return os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)

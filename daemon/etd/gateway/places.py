@@ -31,15 +31,19 @@ class Verdict(NamedTuple):
     is_guest: bool = False
 
 
-def let_in(newcomer: Connection, held: Sequence[Connection], most_guests: int) -> Verdict:
-    """`held`: all that are connected, the oldest first."""
+def let_in(
+    newcomer: Connection, held: Sequence[Connection], most_guests: int, is_last: bool = False
+) -> Verdict:
+    """`held`: all that are connected, the oldest first. `is_last`: it has the last descriptor, so
+    one of them leaves or it does.
+    """
     seated = [made for made in held if not made.is_guest]
-    if len(seated) < MOST_CONNECTIONS:
+    if len(seated) < MOST_CONNECTIONS and not is_last:
         return Verdict(True)
     leaving = _gives_way(newcomer, seated)
     if leaving is not None:
         return Verdict(True, leaving)
-    return _as_guest(newcomer, held, most_guests)
+    return _as_guest(newcomer, held, 0 if is_last else most_guests)
 
 
 def seat_a_guest(held: Sequence[Connection]) -> None:
@@ -63,7 +67,7 @@ def _gives_way(newcomer: Connection, seated: Sequence[Connection]) -> Connection
     again would end others during their handshake.
     """
     of_process = Counter(made.sender for made in seated)
-    heaviest = max(of_process.values())
+    heaviest = max(of_process.values(), default=0)
     if of_process[newcomer.sender] >= heaviest:
         return silent_one([made for made in seated if made.sender == newcomer.sender])
     silent = silent_one([made for made in seated if of_process[made.sender] == heaviest])

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 _GREETING_BYTES = 64
-#: Version 3.0: then a subscription is a message, in every version of the peer.
-_GREETING = b"\xff" + bytes(7) + b"\x01\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32)
-_NULL = _GREETING[12:32]
+#: What is sent first. Version 3.0: then a subscription is a message, in every version of the peer.
+GREETING = b"\xff" + bytes(7) + b"\x01\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32)
+_NULL = GREETING[12:32]
 _MORE, _LONG, _COMMAND = 1, 2, 4
 #: READY has a name, a socket type and an identity of at most 255 bytes.
 _MOST_COMMAND_BYTES = 512
@@ -32,11 +32,6 @@ Parts = tuple[bytes, ...]
 
 class Violation(Exception):
     """The peer does not keep to ZMTP or to a bound: its connection must be closed."""
-
-
-def opening(kind: bytes) -> bytes:
-    """What is sent first: the greeting, and READY for this type of socket."""
-    return _GREETING + _frame(_COMMAND, b"\x05READY" + _property(b"Socket-Type", kind))
 
 
 def message(parts: Sequence[bytes]) -> bytes:
@@ -58,11 +53,14 @@ def _property(name: bytes, value: bytes) -> bytes:
 class Reader:
     """What one peer sends, put together again. Its memory is what was fed and not yet taken, and
     the parts of one message.
+
+    READY is the answer to the peer's: a library sends messages only after it, so none is on the way
+    from a peer that is closed before its handshake is complete, and it keeps them to connect again.
     """
 
     def __init__(self, kind: bytes, most_bytes: int) -> None:
         """`kind`: this end's. `most_bytes`: of all parts of a message together."""
-        self._peers = PEERS[kind]
+        self._kind = kind
         self._most_bytes = most_bytes
         self._fed = bytearray()
         self._parts: list[bytes] = []
@@ -142,10 +140,10 @@ class Reader:
         """The answer to a command."""
         name, rest = body[1 : 1 + body[0]] if body else b"", body[1 + body[0] :] if body else b""
         if not self.is_ready:
-            if name != b"READY" or _properties(rest).get(b"socket-type") not in self._peers:
+            if name != b"READY" or _properties(rest).get(b"socket-type") not in PEERS[self._kind]:
                 raise Violation("a handshake of no peer of this socket")
             self.is_ready = True
-            return b""
+            return _frame(_COMMAND, b"\x05READY" + _property(b"Socket-Type", self._kind))
         if name == b"PING":
             return _frame(_COMMAND, b"\x04PONG" + rest[2:])  # after two bytes of a time to live
         if name == b"PONG":
