@@ -10,6 +10,10 @@ up for that is felt less and less.
 A finger has several persons, who err at other times: of ten answers two are wrong, and which two
 they are moves the figure of one person by more than the bound leaves. So the bound is one of the
 mean over persons, and the worst of them is told beside it.
+
+A finger on which nothing is felt without answers has no variation that others could be times of:
+such fingers are counted, and left out of the variation alone. Where answers bring it to that, the
+variation is infinite.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
+from math import inf, isnan, nan
 
 import numpy as np
 
@@ -35,7 +40,9 @@ MOST_TIMES, MOST_TIMES_COMMON = 1.05, 0.8
 
 @dataclass(frozen=True)
 class Figures:
-    """Means of several fingers and persons; scans above pain: of all fingers, for one person."""
+    """Means of several fingers and persons; scans above pain: of all fingers, for one person.
+    `variation`: of those fingers on which something is felt without answers.
+    """
 
     variation: float
     not_felt: float
@@ -49,7 +56,7 @@ class Figures:
 class Compared:
     """Of a body, with answers and without. `may_raise`: as the body site has it. `worst_times`: of
     the finger with the most, all its persons together; `worst_person_times`: of a single person.
-    `drift`: of these fingers, without answers.
+    `drift`: of these fingers, without answers. `unfelt`: on so many of them nothing is felt then.
     """
 
     body: BodyKind
@@ -59,6 +66,7 @@ class Compared:
     worst_times: float
     worst_person_times: float
     drift: Drift
+    unfelt: int = 0
 
     @property
     def variation_times(self) -> float:
@@ -109,29 +117,45 @@ def _beside(
     drift: Drift,
 ) -> Compared:
     """`said` by finger and person."""
-    of_finger, of_person = _worst_times(said, plain)
-    without = _figures([[one] for one in plain])
-    return Compared(body, may_raise, _figures(said), without, of_finger, of_person, drift)
+    felt = [number for number, one in enumerate(plain) if not isnan(one.figures.over_time)]
+    varied, varied_plain = [said[number] for number in felt], [plain[number] for number in felt]
+    of_finger, of_person = _worst_times(varied, varied_plain)
+    return Compared(
+        body,
+        may_raise,
+        _figures(said, varied),
+        _figures([[one] for one in plain], [[one] for one in varied_plain]),
+        of_finger,
+        of_person,
+        drift,
+        len(plain) - len(felt),
+    )
 
 
 def _worst_times(said: Sequence[Sequence[Played]], plain: Sequence[Played]) -> tuple[float, float]:
-    """Of a finger's persons together, and of one person."""
+    """Of a finger's persons together, and of one person; nan where there is no finger."""
     times = [
-        [one.figures.over_time / other.figures.over_time for one in persons]
+        [_variation(one) / _variation(other) for one in persons]
         for persons, other in zip(said, plain, strict=True)
     ]
-    return max(float(np.mean(persons)) for persons in times), max(map(max, times))
+    worst_of_finger = max((float(np.mean(persons)) for persons in times), default=nan)
+    return worst_of_finger, max(map(max, times), default=nan)
 
 
-def _figures(fingers: Sequence[Sequence[Played]]) -> Figures:
-    """[finger][person]."""
+def _variation(one: Played) -> float:
+    """Infinite where nothing is felt."""
+    return inf if isnan(one.figures.over_time) else one.figures.over_time
+
+
+def _figures(fingers: Sequence[Sequence[Played]], varied: Sequence[Sequence[Played]]) -> Figures:
+    """[finger][person]; `varied`: those whose variation counts."""
     played = [one for persons in fingers for one in persons]
 
     def mean(values: Sequence[float]) -> float:
-        return float(np.mean(values))
+        return float(np.mean(values)) if values else nan
 
     return Figures(
-        variation=mean([one.figures.over_time for one in played]),
+        variation=mean([_variation(one) for persons in varied for one in persons]),
         not_felt=mean([one.figures.below_threshold for one in played]),
         scans_above_pain=len(fingers) * mean([one.figures.scans_above_pain for one in played]),
         too_strong=mean([one.too_strong for one in played]),

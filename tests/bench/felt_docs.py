@@ -66,6 +66,12 @@ def write(page: Path, found: Sequence[Compared], said: str, not_met: Sequence[Bo
     ships = [each for each in found if not each.may_raise]
     raising = [each for each in found if each.may_raise]
     told = [
+        *(
+            f"On {each.unfelt} of the fingers of `{each.body}` nothing is felt without answers:"
+            " they have no variation, and are left out of it."
+            for each in ships
+            if each.unfelt
+        ),
         *(f"Not met: {bound.what}: {bound.value:g} (bound {bound.bound:g})." for bound in not_met),
         *felt_harm.excluded(found),
     ]

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import inf, log
+from math import inf, isinf, isnan, log, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,11 +65,13 @@ class Drift:
 
 
 def drift(kind: BodyKind, seed: int, minutes: float = MINUTES) -> Drift:
-    """Of one finger."""
+    """Of one finger; all nan where nothing is asked for, because its calibration left no level."""
     known = Known(kind, seed, minutes)
     firm = known.firm
     played = np.where(firm, known.at_frame[-len(firm) :], np.nan)
     deviation = played[:, firm.any(axis=0) & known.is_played]
+    if not deviation.size:
+        return Drift(*(nan,) * len(fields(Drift)))
     deviation = deviation - np.nanmean(deviation, axis=0)
     moment = np.arange(len(firm))
     minute = moment * SCAN_NS // _MINUTE_NS
@@ -92,10 +94,12 @@ def parts(deviation: Floats, by_moment: Floats, by_minute: Floats) -> tuple[floa
 
 
 def mean_of(found: Sequence[Drift]) -> Drift:
-    """Of several fingers."""
-    return Drift(
-        *(float(np.mean([getattr(one, each.name) for one in found])) for each in fields(Drift))
-    )
+    """Of several fingers; what is left of the variation, of those that have one."""
+    of_all = {each.name: [getattr(one, each.name) for one in found] for each in fields(Drift)}
+    told = {
+        name: [value for value in values if not isnan(value)] for name, values in of_all.items()
+    }
+    return Drift(**{name: float(np.mean(values or [nan])) for name, values in told.items()})
 
 
 def course(deviation: Floats, of_scan: NDArray[np.int_]) -> Floats:
@@ -111,10 +115,14 @@ def course(deviation: Floats, of_scan: NDArray[np.int_]) -> Floats:
 
 
 def _left(known: Known, taken: Floats, most: float) -> float:
-    """At the best common strength, in times of the variation with nothing taken."""
+    """At the best common strength, in times of the variation with nothing taken; nan where nothing
+    is felt then.
+    """
     whole = np.concatenate([np.full(known.count - len(taken), taken[0]), taken])
     factors = np.minimum(_OFFSETS[:, None] - whole[None], most)
     nothing = np.zeros((1, known.count))
     every = slice(0, known.count)
-    least = float(np.nanmin(known.variations(known.felt(factors, every))))
-    return least / float(known.variations(known.felt(nothing, every))[0])
+    plain = float(known.variations(known.felt(nothing, every))[0])
+    if isinf(plain):
+        return nan
+    return float(np.nanmin(known.variations(known.felt(factors, every)))) / plain

@@ -4,6 +4,7 @@ Owns: the answers as requests of the lease's holder, what became of the law, and
 harm must be given up. Must not know: how answers are heeded, when a law is given up.
 
 Eight electrodes at 5 Hz, which is slow enough that pulses do not add up to more than was wanted.
+The person is asked for the strength of all of them, or each time of the next electrode alone.
 """
 
 from __future__ import annotations
@@ -23,11 +24,14 @@ from bench.steady_skin import CALIBRATED_S, Finger
 from engine_rig import LEASE, EngineRig
 from engine_scenes import states
 from etd.protocol.link import SayFelt
+from etd.stabilize.offset_estimate import Answer
 from etd_body.kinds import BodyKind
+from etd_body.tissue import Floats
 
 RATE_HZ = 5.0
 _HEEDED_S = 5
-#: Where a law that does harm need not be given up, and why the person's word does not tell it.
+#: Where a law that does harm need not be given up by who is asked about all, and why their word
+#: does not tell it.
 _UNEVEN = "single electrodes become uneven, and who answers for their mean calls that good"
 UNTOLD: dict[BodyKind, str] = {BodyKind.INDIFFERENT: _UNEVEN, BodyKind.DUCTS: _UNEVEN}
 
@@ -35,8 +39,10 @@ UNTOLD: dict[BodyKind, str] = {BodyKind.INDIFFERENT: _UNEVEN, BodyKind.DUCTS: _U
 class _Answers:
     """Once a minute, of what was felt in the five seconds before."""
 
-    def __init__(self, person: Person) -> None:
+    def __init__(self, person: Person, *, of_each: bool) -> None:
         self._person = person
+        self._of_each = of_each
+        self._asked = 0
         self._next_ns: int | None = None
         #: When the engine told that laws are off, in minutes from the first scan.
         self.off_min: float | None = None
@@ -50,19 +56,29 @@ class _Answers:
         if now_ns < self._next_ns or not scans:
             return
         lately = np.array([felt for _, felt, _ in scans[-int(_HEEDED_S * RATE_HZ) :]])
-        answer = self._person.says(times_wanted(lately, wanted_alone(finger)))
-        heard = rig.ask(SayFelt, answer=answer, lease=LEASE)
-        assert heard.error is None, heard.reason
+        answer = self._said(rig, lately, wanted_alone(finger))
         self._next_ns = now_ns + int(self._person.again_s(answer) * 1e9)
         told = states(rig)[-1].felt
         if self.off_min is None and told is not None and told.laws_off:
             self.off_min = (now_ns - self._begun_ns) / 60e9
 
+    def _said(self, rig: EngineRig, lately: Floats, wanted: Floats) -> Answer:
+        about: tuple[int, ...] | None = None
+        if self._of_each:
+            played = np.flatnonzero(wanted > 0.0)
+            one = int(played[self._asked % len(played)])
+            about, lately, wanted = (one,), lately[:, [one]], wanted[[one]]
+        self._asked += 1
+        answer = self._person.says(times_wanted(lately, wanted))
+        heard = rig.ask(SayFelt, answer=answer, electrodes=about, lease=LEASE)
+        assert heard.error is None, heard.reason
+        return answer
+
 
 @dataclass(frozen=True)
 class WithLaw:
     """Of one finger: nothing, the law, and the law with answers. `off_min`: when it was given up;
-    None: it was not.
+    None: it was not. `of_each`: the person was asked about one electrode at a time.
     """
 
     body: BodyKind
@@ -72,6 +88,7 @@ class WithLaw:
     alone: SteadyFigures
     said: SteadyFigures
     off_min: float | None
+    of_each: bool
 
     @property
     def does_harm(self) -> bool:
@@ -82,7 +99,8 @@ class WithLaw:
     @property
     def is_held(self) -> bool:
         """A law that does harm is given up, but where that is known not to be told."""
-        return not self.does_harm or self.off_min is not None or self.body in UNTOLD
+        is_untold = self.body in UNTOLD and not self.of_each
+        return not self.does_harm or self.off_min is not None or is_untold
 
     @property
     def verdict(self) -> str:
@@ -92,12 +110,18 @@ class WithLaw:
 
 
 def with_law(
-    body: BodyKind, law: str, seed: int, manner: Manner, minutes: float = MINUTES
+    body: BodyKind,
+    law: str,
+    seed: int,
+    manner: Manner,
+    minutes: float = MINUTES,
+    *,
+    of_each: bool = False,
 ) -> WithLaw:
-    answers = _Answers(Person(manner, seed))
+    answers = _Answers(Person(manner, seed), of_each=of_each)
     plain, alone = (_played(body, name, seed, minutes, None) for name in (NONE, law))
     said = _played(body, law, seed, minutes, answers)
-    return WithLaw(body, law, seed, plain, alone, said, answers.off_min)
+    return WithLaw(body, law, seed, plain, alone, said, answers.off_min, of_each)
 
 
 def _played(

@@ -76,6 +76,10 @@ def wanted_strength(current_ua: Floats, threshold_ua: Floats) -> Floats:
 
 
 def times_wanted(felt: Floats, wanted: Floats) -> float:
-    """[scan, electrode] of the last scans, by the strength that was wanted: the mean."""
+    """[scan, electrode] of the last scans, by the strength that was wanted: the mean. Where nothing
+    was wanted, because the calibration left no level, nothing is what was wanted.
+    """
     is_wanted = wanted > 0.0
+    if not is_wanted.any():
+        return 1.0
     return float(np.mean(felt.mean(axis=0)[is_wanted] / wanted[is_wanted]))

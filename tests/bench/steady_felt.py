@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
@@ -54,6 +55,11 @@ def main() -> int:
         help="answers together with this law, through the engine: some minutes for each body and"
         " finger, one person each; status 1 where the law does harm and is not given up",
     )
+    parser.add_argument(
+        "--of-each",
+        action="store_true",
+        help="with --law: they are asked about the next electrode each time, not about all",
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
     parser.add_argument(
@@ -62,11 +68,17 @@ def main() -> int:
     args = parser.parse_args()
     manner = Manner(args.right, args.band, args.errs, args.insists)
     if args.law is not None:
-        played = [
-            _shown(felt_laws.with_law(body, args.law, seed, manner, args.minutes), args.json)
-            for body in args.bodies
-            for seed in args.seeds
-        ]
+        with ProcessPoolExecutor(args.processes) as pool:
+            running = [
+                pool.submit(
+                    felt_laws.with_law,
+                    *(body, args.law, seed, manner, args.minutes),
+                    of_each=args.of_each,
+                )
+                for body in args.bodies
+                for seed in args.seeds
+            ]
+            played = [_shown(each.result(), args.json) for each in running]
         return 0 if all(each.is_held for each in played) else 1
     fingers = f"fingers {', '.join(map(str, args.seeds))}"
     said = f"{fingers}, {args.persons} persons each, {args.minutes:g} min"

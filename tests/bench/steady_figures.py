@@ -4,11 +4,13 @@ Owns: what each figure counts. Must not know: engines, bodies, tables.
 
 A contact is firm when all of it lies on and has done so for `FIRM_S`. Felt strength is 1 at the
 threshold and 0 below it; a scan in which a firm electrode is not felt counts as 0. An electrode
-that is never felt has no variation over time: it counts among those not felt.
+that is never felt has no variation over time: it counts among those not felt. Where none is ever
+felt there is no variation at all (nan).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -78,7 +80,8 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         mean = np.nanmean(felt, axis=0)
         is_felt = mean > 0.0
         over_time.extend(np.nanstd(felt, axis=0)[is_felt] / mean[is_felt])
-        over_electrodes.append(float(mean.std() / mean.mean()))
+        if is_felt.any():
+            over_electrodes.append(float(mean.std() / mean.mean()))
         means.extend(mean)
         steps.extend(recontact_steps(run, firm, STEP_S))
         later.extend(recontact_steps(run, firm, LONG_STEP_S))
@@ -93,8 +96,8 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
     return SteadyFigures(
         name=name,
         mean_felt=float(np.mean(means)),
-        over_time=float(np.mean(over_time)),
-        over_electrodes=float(np.mean(over_electrodes)),
+        over_time=_mean(over_time),
+        over_electrodes=_mean(over_electrodes),
         below_threshold=below / shown,
         above_pain=painful / scans,
         scans_above_pain=painful,
@@ -108,6 +111,10 @@ def figures(name: str, kept: Sequence[Kept]) -> SteadyFigures:
         recontacts_not_judged=returns - len(steps),
         scans=scans,
     )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else math.nan
 
 
 def firm_of(kept: Kept) -> Mask:

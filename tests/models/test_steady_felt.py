@@ -60,6 +60,18 @@ def test_the_bounds_hold_with_persons_who_are_right_four_times_of_five(body: Bod
     assert {each.drift.is_common for each in found} == {body in DRIFTING}
 
 
+def test_a_finger_without_any_level_is_counted_and_has_no_variation() -> None:
+    """At level 1 the whole array is too strong for it until nothing is left: pain is that near."""
+    felt, unfelt = TESTED[0], 7317
+    (both, *_) = compared([BodyKind.TENDER], (felt, unfelt), Manner(), 1.0, persons=1)
+    (alone, *_) = compared([BodyKind.TENDER], (felt,), Manner(), 1.0, persons=1)
+    assert (both.unfelt, alone.unfelt) == (1, 0)
+    assert (both.variation_times, both.drift) == (alone.variation_times, alone.drift)
+    assert both.plain.not_felt == pytest.approx((1.0 + alone.plain.not_felt) / 2.0)
+    (none, *_) = compared([BodyKind.TENDER], (unfelt,), Manner(), 1.0, persons=1)
+    assert [bound.is_met for bound in bounds([none])] == [False], "nothing was judged"
+
+
 def made_up(times: float, drift: Drift, *, may_raise: bool = True) -> Compared:
     said = replace(PLAIN, variation=times * PLAIN.variation)
     return Compared(BodyKind.AREA, may_raise, said, PLAIN, times, times, drift)
@@ -196,10 +208,12 @@ def test_who_insists_has_it_too_strong_for_less_of_the_time() -> None:
     assert too_strong(Manner(right=1.0, insists=True)) < 0.7 * too_strong(Manner(right=1.0))
 
 
-def with_a_law(body: BodyKind, times: float, off_min: float | None) -> WithLaw:
+def with_a_law(
+    body: BodyKind, times: float, off_min: float | None, *, of_each: bool = False
+) -> WithLaw:
     plain = SteadyFigures(NONE, 2.0, 0.1, 0.1, 0.05, 0.0, 0, 0, 0.9, None, None, 0, 0, 0, 0, 1_000)
     alone = replace(plain, over_time=times * plain.over_time)
-    return WithLaw(body, "energy", 1, plain, alone, alone, off_min)
+    return WithLaw(body, "energy", 1, plain, alone, alone, off_min, of_each)
 
 
 @pytest.mark.parametrize("body", BodyKind)
@@ -209,6 +223,7 @@ def test_a_law_that_does_harm_is_given_up_or_it_is_known_not_to_be_told(body: Bo
     unheeded = with_a_law(body, 1.21, None)
     assert unheeded.is_held == (body in UNTOLD)
     assert ("NOT MET" in unheeded.verdict) == (body not in UNTOLD)
+    assert not with_a_law(body, 1.21, None, of_each=True).is_held, "each alone tells it"
 
 
 # --- persons -------------------------------------------------------------------------------------
@@ -289,3 +304,11 @@ def test_with_a_law_the_answers_reach_the_engine() -> None:
     found = with_law(BodyKind.INDIFFERENT, "energy", seed, manner, 1.5)
     assert found.said.mean_felt < 0.97 * found.alone.mean_felt
     assert found.off_min is None, "energy changes hardly anything, so nothing counts against it"
+
+
+def test_who_is_asked_about_each_answers_for_that_one() -> None:
+    (seed,) = TESTED
+    manner = Manner(right=0.0, errs="too_strong")
+    found = with_law(BodyKind.INDIFFERENT, "energy", seed, manner, 2.5, of_each=True)
+    part = found.said.mean_felt / found.alone.mean_felt
+    assert 0.97 < part < 0.999, "two of eight electrodes, 5 % each"

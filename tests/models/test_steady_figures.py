@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,13 @@ def test_variation_over_time_and_over_electrodes_are_told_apart() -> None:
     swinging = figures("x", [kept([[1.0, 1.0], [3.0, 3.0]] * 20)])
     assert swinging.over_time == pytest.approx(0.5)
     assert swinging.over_electrodes == 0.0
+
+
+def test_where_nothing_is_ever_felt_there_is_no_variation() -> None:
+    found = figures("x", [kept([[0.0, 0.0]] * SCANS)])
+    assert math.isnan(found.over_time)
+    assert math.isnan(found.over_electrodes)
+    assert found.below_threshold == 1.0
 
 
 def test_what_is_not_felt_counts_only_where_there_is_contact() -> None:

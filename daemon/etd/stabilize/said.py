@@ -9,9 +9,12 @@ may raise is decided by the caller. It is a request like any other: the limits c
   as the time before unless the holder said something else since. Repetition is counted for
   each electrode, and once more for all together: an answer about one electrode is no repetition of
   an answer about another.
-- *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`), by at most 5 % a
-  minute within the minute that follows. Only what was lowered comes back so; where raising is
-  allowed, *too weak* takes it above the frame's own, and never above 1.2.
+- *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`): each by at most
+  5 %, and all by at most 5 % in any minute. It rises at once; what the minute before leaves no room
+  for follows when that is over, and within a minute of *too strong* there is no room: a program may
+  say *good* all the time.
+  Only what was lowered comes back so; where raising is allowed, *too weak* takes it above the
+  frame's own, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
   from the frame's own strength; a deeper one only as far as the estimate rises.
 - *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
@@ -32,11 +35,15 @@ from typing import Final, Literal
 
 from etd.stabilize.offset_estimate import BAND, Answer, OffsetEstimate
 
-#: What an answer is about: pulses of the last minute. And how long one lets a factor rise.
+#: What an answer is about: pulses of the last minute.
 FELT_NS: Final = 60_000_000_000
-#: The most that a factor reaches, and by how much it rises in a minute.
+#: The most that a factor reaches, and by how much it rises in any minute. A step of that is less
+#: than half of what is called good anyway (`BAND`).
 MOST: Final = 1.2
 RISE_A_MINUTE: Final = 1.05
+MINUTE_NS: Final = 60_000_000_000
+#: A word lets it rise for so long: room comes within a minute, and with a pulse after that.
+LETS_RISE_NS: Final = 90_000_000_000
 #: What *too strong* takes at once: of named electrodes, or without the lease; and as an answer of
 #: the holder about all. So many times as much as the time before it takes where it is said again
 #: within minutes, and where it is said again at once (as much as after a first one that takes 5 %
@@ -49,7 +56,9 @@ AT_ONCE_TIMES: Final = 4.0
 AT_ONCE_NS: Final = 30_000_000_000
 MOST_LOWERED_BY: Final = 0.5
 _MOST_LOG: Final = math.log(MOST)
-_RISE_PER_NS: Final = math.log(RISE_A_MINUTE) / 60e9
+_RISE_LOG: Final = math.log(RISE_A_MINUTE)
+#: Less than this is no rise but rounding.
+_LEAST_LOG: Final = 1e-9
 
 #: What an answer did, of the electrodes that it is about: it lowered some; it lets what was lowered
 #: come back; it lets some rise above the frame's own strength; nothing.
@@ -90,19 +99,22 @@ class _Insisting:
 
 
 class _Electrode:
-    """`offset`: the logarithm of its factor, as of `at_ns`; `target`: how far it may rise until
-    `until_ns`. `has_weak`: the lease's holder has said *too weak* of it.
+    """`offset`: the logarithm of its factor; `target`: how far it may rise until `until_ns`, and
+    `left`: by how much the last word still lets it; `rises`: what took of the room of the last
+    minute, when, and how much. `has_weak`: the lease's holder has said *too weak* of it.
     """
 
     __slots__ = (
-        *("at_ns", "fired_ns", "has_weak", "insisting", "offset", "own", "target", "until_ns"),
+        *("fired_ns", "has_weak", "insisting", "left", "offset", "own", "rises", "target"),
+        "until_ns",
     )
 
     def __init__(self) -> None:
         self.offset = 0.0
         self.target = 0.0
-        self.at_ns = 0
+        self.left = 0.0
         self.until_ns = 0
+        self.rises: tuple[tuple[int, float], ...] = ()
         self.has_weak = False
         self.fired_ns: int | None = None
         self.own: OffsetEstimate | None = None
@@ -115,22 +127,26 @@ class _Electrode:
         return self.fired_ns is not None and now_ns - self.fired_ns <= FELT_NS
 
     def fired(self, now_ns: int) -> None:
-        """Rises for the time since its last pulse, or loses its rise after a minute without one."""
+        """Rises by what has room by now, or loses its rise after a minute without a pulse."""
         if self.was_felt(now_ns):
             self._rise(now_ns)
         else:
             self.offset = self.target = min(self.offset, 0.0)
-        self.fired_ns = self.at_ns = now_ns
+        self.fired_ns = now_ns
 
     def _rise(self, now_ns: int) -> None:
-        if self.offset < self.target:
-            elapsed_ns = max(0, min(now_ns, self.until_ns) - self.at_ns)
-            self.offset = min(self.target, self.offset + _RISE_PER_NS * elapsed_ns)
-        self.at_ns = now_ns
+        if self.offset >= self.target or now_ns >= self.until_ns:
+            return
+        self.rises = tuple([rise for rise in self.rises if now_ns - rise[0] < MINUTE_NS])
+        room = _RISE_LOG - sum([by for _, by in self.rises])
+        by = min(self.target - self.offset, room, self.left)
+        if by > _LEAST_LOG:
+            self.offset += by
+            self.left -= by
+            self.rises = (*self.rises, (now_ns, by))
 
     def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool, may_raise: bool) -> float:
-        """Down at once, where it may go down, and up from now on. Returns where it was."""
-        self._rise(now_ns)
+        """Down where it may go down, and up as far as there is room. Returns where it was."""
         before = self.offset
         if wanted < 0.0 and self.offset >= -BAND:
             wanted = 0.0
@@ -140,12 +156,15 @@ class _Electrode:
         most = _MOST_LOG if self.has_weak and may_raise else 0.0
         wanted = min(max(wanted, least), most)
         self.offset = min(self.offset, wanted)
-        self.target, self.until_ns = wanted, now_ns + FELT_NS
+        self.target, self.until_ns = wanted, now_ns + LETS_RISE_NS
+        self.left = _RISE_LOG
+        self._rise(now_ns)
         return before
 
-    def lower_to(self, wanted: float) -> None:
-        """At once, and nothing rises until the next word."""
-        self.offset = self.target = min(self.offset, wanted)
+    def lower_by(self, step: float, now_ns: int) -> None:
+        """At once; and nothing rises until the next word, or within a minute."""
+        self.offset = self.target = self.offset - step
+        self.rises = ((now_ns, _RISE_LOG),)
 
 
 class FeltOffsets:
@@ -172,7 +191,7 @@ class FeltOffsets:
         """A pulse of a frame was fired at this electrode."""
         found = self._electrodes[electrode]
         if self.is_idle:
-            found.fired_ns = found.at_ns = now_ns
+            found.fired_ns = now_ns
         else:
             found.fired(now_ns)
 
@@ -215,7 +234,7 @@ class FeltOffsets:
         if electrodes is None:
             self._insisting.contradict()
         felt = [each for each in self._those(electrodes) if each.was_felt(now_ns)]
-        is_lowered = False
+        is_lowered, rising = False, []
         for electrode in felt:
             before = electrode.let_go_to(
                 self._wanted(electrode, now_ns),
@@ -224,7 +243,8 @@ class FeltOffsets:
                 may_raise=self._may_raise,
             )
             is_lowered = is_lowered or electrode.offset < before
-        rising = [each.target for each in felt if each.target > each.offset]
+            if electrode.target > before:
+                rising.append(electrode.target)
         if is_lowered:
             return "lowered"
         if not rising:
@@ -239,13 +259,13 @@ class FeltOffsets:
         self.is_idle = False
         self._estimate("too_strong", electrodes, now_ns)
         if electrodes is None:
-            step = math.log(1.0 - self._insisting.takes(first, now_ns))
+            step = -math.log(1.0 - self._insisting.takes(first, now_ns))
             for electrode in self._electrodes:
-                electrode.lower_to(electrode.offset + step)
+                electrode.lower_by(step, now_ns)
             return
         for electrode in self._those(electrodes):
-            step = math.log(1.0 - electrode.insisting.takes(first, now_ns))
-            electrode.lower_to(electrode.offset + step)
+            step = -math.log(1.0 - electrode.insisting.takes(first, now_ns))
+            electrode.lower_by(step, now_ns)
 
     def _estimate(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> None:
         """An answer about all is about their mean, beside what is known of each alone."""
