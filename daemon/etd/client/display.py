@@ -281,10 +281,11 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """What the person says of the strength: "too_weak", "good" or "too_strong", of these
         electrodes or of all (None). Too strong lowers at once by 5 %, of all with the lease by 2 %;
         said again of the same within half a minute by a fifth and then half, within three minutes
-        by twice as much as the time before. Good and too weak give that back, by at most 5 % a
-        minute. Too weak raises levels above the frame's own, as slowly and by 20 % in all, only
-        where the body site allows it (`facts.felt_may_raise`; no shipped one does). What was said
-        is gone when the board is disarmed. A program that does not hold the lease can only lower.
+        by twice as much as the time before. Good and too weak give that back at once, by at most
+        5 % in any minute and not within one of too strong. Too weak raises levels above the
+        frame's own, by no more and by 20 % in all, only where the body site allows it
+        (`facts.felt_may_raise`; no shipped one does). What was said is gone when the board is
+        disarmed. A program that does not hold the lease can only lower.
         `did` of the reply: "lowered", "gives_back", "raises" or "nothing"; `reason`: why too weak
         did no more.
         Raises: Refused (`not_armed`, `other_lease`, `no_lease`; `wrong_state`: not fired in the
