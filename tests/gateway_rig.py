@@ -6,9 +6,12 @@ Owns: stepping them, by hand or in a thread for clients that block. Must not kno
 from __future__ import annotations
 
 import json
+import os
+import resource
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -198,3 +201,16 @@ class ServedRig(GatewayRig):
     def _serve(self) -> None:
         while not self._ending.is_set():
             self.step()
+
+
+@contextmanager
+def no_descriptor_left() -> Iterator[None]:
+    """For this process, and so for the gateway in it."""
+    before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    lowest = os.dup(0)
+    os.close(lowest)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))

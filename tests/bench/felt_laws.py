@@ -30,9 +30,8 @@ from etd_body.tissue import Floats
 
 RATE_HZ = 5.0
 _HEEDED_S = 5
-#: Where a law that does harm need not be given up by who is asked about all, and why their word
-#: does not tell it.
-_UNEVEN = "single electrodes become uneven, and who answers for their mean calls that good"
+#: Where a law that does harm need not be given up, and why the person's word does not tell it.
+_UNEVEN = "single electrodes become uneven, and most of that is within what is called good"
 UNTOLD: dict[BodyKind, str] = {BodyKind.INDIFFERENT: _UNEVEN, BodyKind.DUCTS: _UNEVEN}
 
 
@@ -99,8 +98,7 @@ class WithLaw:
     @property
     def is_held(self) -> bool:
         """A law that does harm is given up, but where that is known not to be told."""
-        is_untold = self.body in UNTOLD and not self.of_each
-        return not self.does_harm or self.off_min is not None or is_untold
+        return not self.does_harm or self.off_min is not None or self.body in UNTOLD
 
     @property
     def verdict(self) -> str:

@@ -64,7 +64,7 @@ class Said:
         self._next_ns = int(person.again_s("good") * 1e9)
 
     def of(self, electrode: int, now_ns: int) -> float:
-        factor = self._offsets.factor(electrode)
+        factor = self._offsets.factor(electrode, now_ns)
         self._offsets.fired(electrode, now_ns)
         return factor
 

@@ -17,8 +17,8 @@ from etd.calibrate.fitting import (
     Fitting,
     check_pause,
     load_fit,
-    save_fit,
 )
+from etd.calibrate.progress import save_progress
 from etd.protocol.errors import FileError
 from fit_scenes import FALLS, TODAY, StateSkin, begun
 
@@ -67,7 +67,7 @@ def test_before_the_first_state_and_after_the_last_time_does_not_matter() -> Non
 
 def test_a_fit_is_continued_with_the_board_that_it_was_begun_with(tmp_path: Path) -> None:
     path, progress = tmp_path / "fit.json", asked_in(2)
-    save_fit(path, progress)
+    save_progress(path, progress)
     for other in ({"board": "reference-hv507"}, {"leak_ohm": 33_000}):
         now = msgspec.structs.replace(asked_in(0), **other)
         with pytest.raises(FileError, match=rf"{next(iter(other))}: it was begun with others"):

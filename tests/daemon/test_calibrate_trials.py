@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import datetime
-from collections.abc import Callable, Iterable
+import resource
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,7 +17,12 @@ from etd.calibrate.answers import Answer, Ask, Presentation, Question
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.person import SimulatedPerson
-from etd.calibrate.progress import Progress
+from etd.calibrate.progress import (
+    Progress,
+    check_progress_folder,
+    load_progress,
+    save_progress,
+)
 from etd.calibrate.trial import Stopped
 from etd.cli.trials_file import COLUMNS, TrialsFile, new_trials_path
 from etd.protocol.calibration import Calibration, ElectrodeLimits
@@ -158,6 +165,47 @@ def trials_file(path: Path, clock: Clock) -> TrialsFile:
 def rows(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file, delimiter="\t"))
+
+
+@contextmanager
+def no_room() -> Iterator[None]:
+    """For more in any file: what is written fails, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_trial_that_finds_no_room_is_told_and_the_end_of_the_file_says_nothing_else(
+    tmp_path: Path,
+) -> None:
+    path, clock = tmp_path / "trials.tsv", Clock()
+    file = trials_file(path, clock)
+    presented = Presentation(3, 700, 700, begun_ns=clock.now_ns)
+    file.answered(presented, "strength", "not_felt")
+    with no_room():
+        with pytest.raises(FileError, match=r"the trial could not be written .* then continue it"):
+            file.answered(presented, "strength", "felt")
+        file.close()
+    assert file.name == str(path)
+
+
+def test_a_folder_that_takes_no_results_is_told_before_anybody_is_asked(tmp_path: Path) -> None:
+    progress = Progress(conditions=ROW, seed=1)
+    nowhere = Path("/proc/none/P01.json")
+    with pytest.raises(FileError, match="could not be saved"):
+        check_progress_folder(nowhere)
+    with pytest.raises(FileError, match="it keeps what was saved before"):
+        save_progress(nowhere, progress)
+    path = tmp_path / "new" / "P01.json"
+    check_progress_folder(path)
+    assert list(path.parent.iterdir()) == []
+    save_progress(path, progress)
+    with no_room(), pytest.raises(FileError, match="could not be saved"):
+        save_progress(path, progress)
+    assert load_progress(path, ROW) == progress
 
 
 def test_each_trial_is_in_the_file_before_the_next(tmp_path: Path) -> None:

@@ -351,6 +351,10 @@ def test_what_does_not_go_together_is_used_wrongly(
         ),
         (["P1", "--max-current-ua", "2000", "--leave-out", "8"], "--leave-out: there is no elec"),
         (
+            ["P1", "--max-current-ua", "2000", "--leave-out", "0,1,2,3,4,5,6,7"],
+            "--leave-out: all 8 electrodes of the array are left out",
+        ),
+        (
             [
                 "P1",
                 "--method",

@@ -47,6 +47,17 @@ def test_a_program_with_the_lease_says_it_with_the_lease() -> None:
     assert (second.answer, second.electrodes) == ("too_weak", (0, 2))
 
 
+def test_too_strong_is_heard_of_a_lease_that_has_ended_and_nothing_else_is() -> None:
+    with GatewayRig() as rig:
+        mine = rig.open()
+        for lease in ("of-nobody", mine + "x"):
+            assert rig.call(op="felt", answer="too_strong", lease=lease)["ok"]
+            assert rig.call(op="felt", answer="good", lease=lease)["error"] == "other_lease"
+        assert rig.call(op="felt", answer="too_strong", lease=mine)["ok"]
+        heard = [(each.answer, each.lease) for each in said(rig)]
+    assert heard == [("too_strong", None), ("too_strong", None), ("too_strong", mine)]
+
+
 def test_awaited_it_is_the_same() -> None:
     async def script(address: str) -> None:
         async with AsyncDisplay(

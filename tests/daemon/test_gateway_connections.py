@@ -6,13 +6,11 @@ Owns: the bounds on connections, their handshake and what they leave unread, and
 from __future__ import annotations
 
 import json
-import os
-import resource
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
@@ -23,7 +21,7 @@ from etd.gateway.request_queue import RequestQueue
 from etd.gateway.sockets import Sockets
 from etd.protocol.link import StopNow
 from etd.protocol.messages import TOPICS
-from gateway_rig import GatewayRig
+from gateway_rig import GatewayRig, no_descriptor_left
 from raw_client import connected, connected_by_another, connected_by_others, hello, part, poured
 
 GOOD = hello("DEALER")
@@ -267,19 +265,6 @@ def test_guests_give_way_to_one_another_and_none_with_a_stop_on_its_way(rig: Gat
         crowded(rig, stack, 1)
         assert stops_heard(rig) == 1
         assert not any(is_ended(rig, one) for one in held)
-
-
-@contextmanager
-def no_descriptor_left() -> Iterator[None]:
-    """For this process, and so for the gateway in it."""
-    before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    lowest = os.dup(0)
-    os.close(lowest)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, most))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))
 
 
 def test_without_a_descriptor_left_no_client_is_turned_away_for_a_newcomer(rig: GatewayRig) -> None:

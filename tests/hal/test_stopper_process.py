@@ -14,7 +14,7 @@ import select
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -74,16 +74,16 @@ class Scene:
         """All of it, until the process would end; lines take the call for lines."""
         descriptors = (self.control, os.dup(self.latch.fd), self.lines, self.engine)
         where = None if note is None else str(note)
-        begin = side_process.begin
+        make = socket.socket
 
-        def begun(control: int, refusals: Sequence[str | None]) -> socket.socket:
-            self._connections.append(begin(control, refusals))
+        def made(fileno: int) -> socket.socket:
+            self._connections.append(make(fileno=fileno))
             return self._connections[-1]
 
         with self._monkeypatch.context() as patch:
             patch.setattr(os, "_exit", self._over)
             patch.setattr(fcntl, "ioctl", self._ioctl)
-            patch.setattr(side_process, "begin", begun)
+            patch.setattr(socket, "socket", made)
             with pytest.raises(Over):
                 stopper_process.main(*descriptors, os.dup(self.mark.fd), SAFE, where, None, None)
 

@@ -18,9 +18,9 @@ from etd.calibrate.fitting import (
     Fitting,
     electrodes_to_ask,
     load_fit,
-    save_fit,
 )
 from etd.calibrate.person import ResponseModel
+from etd.calibrate.progress import save_progress
 from etd.calibrate.reach import RISE
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import FileError
@@ -61,7 +61,7 @@ def test_an_interruption_between_two_states_loses_nothing(tmp_path: Path) -> Non
     progress = begun(skin, 1)
     whole = ask_all(skin, progress, 1, until=2)
     path = tmp_path / "fit.json"
-    save_fit(path, progress)
+    save_progress(path, progress)
     saved = load_fit(path, begun(skin, 1), has_seed=True)
     assert msgspec.to_builtins(saved) == msgspec.to_builtins(progress)
     assert whole.state == STATES[2]
@@ -73,7 +73,7 @@ def test_a_saved_fit_of_other_conditions_is_refused(tmp_path: Path) -> None:
     skin = StateSkin(0.8, 1)
     progress = begun(skin, 1)
     path = tmp_path / "fit.json"
-    save_fit(path, progress)
+    save_progress(path, progress)
     other = msgspec.structs.replace(
         progress, conditions=msgspec.structs.replace(progress.conditions, width_us=50)
     )
@@ -158,9 +158,9 @@ def test_saved_false_alarms_that_cannot_be_are_refused(tmp_path: Path) -> None:
     progress = begun(StateSkin(0.8, 1), 1)
     path = tmp_path / "fit.json"
     progress.catch_trials, progress.false_alarms = 3, 2
-    save_fit(path, progress)
+    save_progress(path, progress)
     assert load_fit(path, progress, has_seed=True).false_alarms == 2
     progress.false_alarms = 4
-    save_fit(path, progress)
+    save_progress(path, progress)
     with pytest.raises(FileError, match="4 of 3 silent trials cannot be"):
         load_fit(path, progress, has_seed=True)

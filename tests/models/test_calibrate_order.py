@@ -284,7 +284,7 @@ def told_drifts(
 
 
 @pytest.mark.parametrize("times", [1.0, 1.5])
-@pytest.mark.parametrize("electrodes", [8, 16])
+@pytest.mark.parametrize("electrodes", [2, 4, 5, 6, 8, 16])
 def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drifted(
     times: float, electrodes: int
 ) -> None:
@@ -307,6 +307,26 @@ def test_the_first_electrode_is_asked_again_and_a_rest_is_due_where_it_has_drift
     assert progress.found[first] == found[first], "its figures stay"
     assert progress.missing == ()
     assert finished(progress, TODAY, "test").drift == progress.drift
+
+
+def test_a_check_of_drift_that_a_pause_came_before_is_made_when_it_goes_on() -> None:
+    skin = NoisySkin(16, 31)
+    skin.pain_ua = [5.0 * value for value in skin.pain_ua]
+    progress = Progress(conditions=replace(CONDITIONS, electrodes=8), seed=5)
+
+    def pause(_: int) -> None:
+        if len(progress.found) == 4:
+            raise Stopped("pause")
+
+    with pytest.raises(Stopped):
+        told_drifts(progress, skin, pause, 8)
+    assert progress.drift is None
+    skin.threshold_ua = [1.5 * value for value in skin.threshold_ua]
+    (told,) = told_drifts(progress, skin, lambda _: None, 8)
+    assert told == (progress.drift, False)
+    assert told[0] > MOST_DRIFT
+    told_drifts(progress, skin, lambda _: None, 8)
+    assert progress.drift == told[0], "nothing is left for which it would matter"
 
 
 @pytest.mark.parametrize("method", ["staircase", "limits"])

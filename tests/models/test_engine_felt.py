@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -29,7 +30,7 @@ from etd.protocol.link import Answer, DisarmBoard, SayFelt
 from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.law_watch import SAME_WORD_NS, TOO_MANY, LawWatch
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
-from etd.stabilize.said import ANSWERED_LOWERED_BY, MOST, RISE_A_MINUTE
+from etd.stabilize.said import ANSWERED_LOWERED_BY, LOWERED_BY, MOST, RISE_A_MINUTE
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
 
@@ -70,8 +71,12 @@ def say(rig: EngineRig, answer: str, lease: str | None = LEASE, **about: Any) ->
     return rig.ask(SayFelt, answer=answer, lease=lease, **about)
 
 
+def of_four(rig: EngineRig) -> list[float]:
+    return [phase.current_ua for phase in phases(rig) if phase.electrode == 4]
+
+
 def last_ua(rig: EngineRig) -> float:
-    return [phase.current_ua for phase in phases(rig) if phase.electrode == 4][-1]
+    return of_four(rig)[-1]
 
 
 def facts(rig: EngineRig) -> FeltFacts:
@@ -120,7 +125,7 @@ def test_too_weak_raises_a_level_slowly_and_the_cap_stays(make_rig: MakeRig) -> 
     rig = felt_rig(make_rig, cap_ua=2_050, may_raise=True)
     before_ua = last_ua(rig)
     for _ in range(8):
-        assert done(say(rig, "too_weak")) == ("raises", "")
+        assert done(say(rig, "too_weak"))[0] == "raises"
         hold(rig, 15_000)
     risen = last_ua(rig) / before_ua
     assert 1.03 < risen <= 1.001 * RISE_A_MINUTE**2
@@ -155,11 +160,57 @@ def test_as_it_ships_too_weak_gives_back_and_says_that_it_raises_nothing(
     assert last_ua(rig) == before_ua
 
 
+def test_who_lost_the_lease_is_heard_to_say_too_strong(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    before_ua = last_ua(rig)
+    assert done(say(rig, "too_strong", lease="lapsed"))[0] == "lowered"
+    hold(rig, 200)
+    assert last_ua(rig) == pytest.approx((1 - LOWERED_BY) * before_ua, abs=2)
+    assert facts(rig).lowers_only
+    answer = say(rig, "too_weak", lease="lapsed")
+    assert answer.error == "other_lease"
+
+
+def test_the_first_pulse_after_a_minute_of_silence_is_not_raised(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig, may_raise=True)
+    before_ua = last_ua(rig)
+    assert done(say(rig, "too_weak")) == ("raises", "")
+    hold(rig, 200)
+    assert last_ua(rig) > 1.04 * before_ua
+    elsewhere = tuple(0.5 if electrode == 5 else 0.0 for electrode in range(N))
+    rig.hold(62_000, level=elsewhere, rate_hz=20.0, ttl_ms=1_000)
+    before = len(of_four(rig))
+    hold(rig, 200)
+    assert max(of_four(rig)[before:]) <= before_ua
+
+
 def test_good_has_nothing_to_explain(make_rig: MakeRig) -> None:
     rig = felt_rig(make_rig)
     assert done(say(rig, "good")) == ("nothing", "")
+    hold(rig, 300)
+    assert done(say(rig, "good")) == ("nothing", "")
+
+
+def test_what_rises_later_says_when(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
     say(rig, "too_strong", lease=None)
-    assert done(say(rig, "good")) == ("gives_back", "")
+    hold(rig, 20_000)
+    did, why = done(say(rig, "good"))
+    assert did == "gives_back"
+    assert re.match(r"it rises in (39|40) s: nothing does within a minute of too_strong", why)
+    did, why = done(say(rig, "too_weak"))
+    assert did == "gives_back"
+    assert why.startswith("it rises in ")
+    assert "no more than that" in why
+
+
+def test_of_hardly_anything_it_is_told_that_it_does_not_come_back(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig)
+    for _ in range(8):
+        say(rig, "too_strong")
+        hold(rig, 300)
+    for answer in ("good", "too_weak"):
+        assert "only disarming brings it back" in done(say(rig, answer))[1]
 
 
 def test_a_current_that_the_frame_names_is_never_raised(make_rig: MakeRig) -> None:
@@ -318,14 +369,14 @@ def test_what_a_word_took_does_not_excuse_a_law_that_adds() -> None:
     played = Played()
     for _ in range(TOO_MANY):
         assert played.feeling.laws_off == ""
-        played.say("too_strong", 1.3, 1.3 * played.feeling.factor(0))
+        played.say("too_strong", 1.3, 1.3 * played.feeling.factor(0, played.now_ns))
     assert "said the opposite" in played.feeling.laws_off
 
 
 def test_what_a_cap_took_is_not_held_against_a_law() -> None:
     played = Played()
     for _ in range(2 * TOO_MANY):
-        played.say("too_strong", 1.3, played.feeling.factor(0))
+        played.say("too_strong", 1.3, played.feeling.factor(0, played.now_ns))
     assert played.feeling.laws_off == ""
 
 

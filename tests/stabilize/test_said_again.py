@@ -13,7 +13,6 @@ from etd.stabilize.said import (
     AT_ONCE_TIMES,
     LOWERED_BY,
     MOST_LOWERED_BY,
-    RISE_A_MINUTE,
     FeltOffsets,
 )
 
@@ -49,7 +48,9 @@ def test_whose_word_it_is_counts_for_a_first_one_about_all_alone(
     for second in range(4):
         answered.hear("too_strong", about, second * S)
         pressed.lower(about, second * S)
-        assert (answered.factor(0) / firsts[0]) == pytest.approx(pressed.factor(0) / firsts[1])
+        assert (answered.factors()[0] / firsts[0]) == pytest.approx(
+            pressed.factors()[0] / firsts[1]
+        )
 
 
 def test_one_who_presses_after_an_answer_about_all_is_relieved_at_once() -> None:
@@ -57,16 +58,16 @@ def test_one_who_presses_after_an_answer_about_all_is_relieved_at_once() -> None
     offsets.hear("too_strong", None, 0)
     offsets.lower(None, AT_ONCE_NS)
     once, again = 1.0 - ANSWERED_LOWERED_BY, 1.0 - AT_ONCE_TIMES * LOWERED_BY
-    assert offsets.factor(0) == pytest.approx(once * again)
+    assert offsets.factors()[0] == pytest.approx(once * again)
 
 
 def test_said_again_at_once_it_takes_a_fifth_and_never_more_than_half() -> None:
     offsets, steps = FeltOffsets(1, may_raise=True), []
     for second in range(8):
         offsets.fired(0, second * S)
-        before = offsets.factor(0)
+        before = offsets.factors()[0]
         offsets.hear("too_strong", None, second * S)
-        steps.append(1.0 - offsets.factor(0) / before)
+        steps.append(1.0 - offsets.factors()[0] / before)
     assert steps[0] == pytest.approx(ANSWERED_LOWERED_BY)
     assert steps[1] == pytest.approx(AT_ONCE_TIMES * LOWERED_BY)
     assert steps[2:] == pytest.approx([MOST_LOWERED_BY] * 6)
@@ -77,9 +78,9 @@ def test_it_is_the_same_word_for_minutes_and_a_first_one_after_them() -> None:
     assert offsets.hear("too_strong", None, 0) == "lowered"
     offsets.hear("too_strong", None, AT_ONCE_NS + 1)
     again = (1.0 - ANSWERED_LOWERED_BY) * (1.0 - AGAIN_TIMES * ANSWERED_LOWERED_BY)
-    assert offsets.factor(0) == pytest.approx(again)
+    assert offsets.factors()[0] == pytest.approx(again)
     offsets.hear("too_strong", None, AT_ONCE_NS + AGAIN_NS + 2)
-    assert offsets.factor(0) == pytest.approx(again * (1.0 - ANSWERED_LOWERED_BY))
+    assert offsets.factors()[0] == pytest.approx(again * (1.0 - ANSWERED_LOWERED_BY))
 
 
 @pytest.mark.parametrize("contrary", ["good", "too_weak"])
@@ -90,10 +91,10 @@ def test_another_answer_in_between_ends_the_minutes_of_insisting(
     offsets = FeltOffsets(2, may_raise=False)
     offsets.hear("too_strong", about, 0)
     offsets.hear(contrary, about, AT_ONCE_NS)
-    before = offsets.factor(0)
+    before = offsets.factors()[0]
     offsets.hear("too_strong", about, AT_ONCE_NS + 1)
     first = LOWERED_BY if about else ANSWERED_LOWERED_BY
-    assert offsets.factor(0) == pytest.approx((1.0 - first) * before)
+    assert offsets.factors()[0] == pytest.approx((1.0 - first) * before)
 
 
 def test_a_program_that_says_good_does_not_hold_back_who_presses() -> None:
@@ -103,7 +104,7 @@ def test_a_program_that_says_good_does_not_hold_back_who_presses() -> None:
     offsets.hear("good", None, S)
     offsets.lower(None, 2 * S)
     at_once = (1.0 - LOWERED_BY) * (1.0 - AT_ONCE_TIMES * LOWERED_BY)
-    assert offsets.factor(0) == pytest.approx(at_once)
+    assert offsets.factors()[0] == pytest.approx(at_once)
 
 
 def test_of_one_electrode_it_ends_the_minutes_of_that_one_alone() -> None:
@@ -113,26 +114,3 @@ def test_of_one_electrode_it_ends_the_minutes_of_that_one_alone() -> None:
     offsets.hear("too_strong", (0, 1), AT_ONCE_NS + 1)
     once = 1.0 - LOWERED_BY
     assert offsets.factors() == pytest.approx((once**2, once * (1.0 - AGAIN_TIMES * LOWERED_BY)))
-
-
-def test_what_a_word_had_no_room_for_comes_when_the_minute_is_over() -> None:
-    """As far as one word goes: the answer before it came half a minute ago, none comes after it."""
-    offsets, reached = FeltOffsets(1, may_raise=True), []
-    for second in range(360):
-        offsets.fired(0, second * S)
-        if second in (30, 60):
-            offsets.hear("too_weak", None, second * S)
-        reached.append(offsets.factor(0))
-    assert reached[30] == reached[89] == pytest.approx(RISE_A_MINUTE)
-    assert reached[90] == reached[359] == pytest.approx(RISE_A_MINUTE**2)
-
-
-def test_good_at_once_after_too_strong_gives_it_back_a_minute_later() -> None:
-    offsets = FeltOffsets(1, may_raise=False)
-    offsets.fired(0, 0)
-    offsets.hear("too_strong", None, 0)
-    offsets.hear("good", None, 1)
-    offsets.fired(0, 59 * S)
-    assert offsets.factor(0) == pytest.approx(1.0 - ANSWERED_LOWERED_BY)
-    offsets.fired(0, 61 * S)
-    assert offsets.factor(0) == pytest.approx(1.0)

@@ -86,7 +86,10 @@ class Course:
         self._on_drift = on_drift
         self._asks_sensation = asks_sensation
         self._waiting: list[int] = []
+        self._check_each = CHECK_EACH
         self._in_play: dict[int, Task] = {}
+        #: Of so many that have figures the first was asked again.
+        self._checked = 0
         #: What each of these feels like was asked in this run, whatever was answered.
         self._asked_sensation: set[int] = set()
         self.left: dict[int, str] = {}
@@ -100,6 +103,10 @@ class Course:
         self._waiting = shuffled(progress.seed, progress.conditions.electrodes, wanted)
         self._in_play.clear()
         self._asked_sensation.clear()
+        # A check that was cut off by a pause, or by a halt, is due still.
+        self._checked = 0 if progress.drift is None else len(progress.found)
+        self._check_each = min(CHECK_EACH, (len(wanted) + len(progress.found)) // 2)
+        self._check_if_due()
         while True:
             if self._waiting and len(self._in_play) < self._most_in_play():
                 self._attempt(self._waiting.pop(0), self._begin)
@@ -185,9 +192,7 @@ class Course:
         if self._asks_sensation and track.result.felt:
             self._ask_sensation(electrode)
         self._on_found(electrode)
-        check_each = min(CHECK_EACH, progress.conditions.electrodes // 2)
-        if self._waiting and progress.seed is not None and len(progress.found) % check_each == 0:
-            self._check_first()
+        self._check_if_due()
 
     def _ask_sensation(self, electrode: int) -> None:
         """The figures are kept already, whatever is answered."""
@@ -215,8 +220,17 @@ class Course:
 
     # --- drift -------------------------------------------------------------------------------
 
-    def _check_first(self) -> None:
-        """Ask the first electrode again: what has changed there, may have changed everywhere."""
+    def _check_if_due(self) -> None:
+        """Ask the first electrode again, where others are left for which it matters: what has
+        changed there, may have changed everywhere.
+        """
+        count = len(self._progress.found)
+        is_one_left = bool(self._waiting or self._in_play)
+        if not is_one_left or self._progress.seed is None:
+            return
+        if count < max(1, self._check_each) or count - self._checked < self._check_each:
+            return
+        self._checked = count
         first = next((one for one, limits in self._progress.found.items() if limits.felt), None)
         if first is not None and (task := self._tasks.check(first)) is not None:
             self._in_play[first] = task

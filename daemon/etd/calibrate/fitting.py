@@ -23,8 +23,6 @@ from msgspec import Meta
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.exponent import LEAST_STATES, Asked, NoFit, fitted
 from etd.calibrate.progress import Progress
-from etd.files.atomic_file import write_atomically
-from etd.files.paths import make_own
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
 from etd.protocol.exponent import LEAST_ELECTRODES, FittedExponent
@@ -262,13 +260,6 @@ def _long(seconds: float) -> str:
 
 
 # --- its file ------------------------------------------------------------------------------------
-
-
-def save_fit(path: Path, progress: FitProgress) -> None:
-    """Raises: FileError, OSError."""
-    make_own(path.parent, 0o700)
-    data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
-    write_atomically(path, data + b"\n", mode=0o600)
 
 
 def load_fit(path: Path, asked_for: FitProgress, has_seed: bool) -> FitProgress:

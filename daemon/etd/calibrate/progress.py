@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated
 
 import msgspec
@@ -127,11 +128,33 @@ def _taken_down(limits: ElectrodeLimits, times: float) -> ElectrodeLimits:
     )
 
 
-def save_progress(path: Path, progress: Progress) -> None:
-    """Raises: FileError, OSError."""
-    make_own(path.parent, 0o700)
+def save_progress(path: Path, progress: msgspec.Struct) -> None:
+    """Whole, or as it was before. Raises: FileError."""
     data = msgspec.json.format(msgspec.json.encode(progress), indent=1)
-    write_atomically(path, data + b"\n", mode=0o600)
+    try:
+        make_own(path.parent, 0o700)
+        write_atomically(path, data + b"\n", mode=0o600)
+    except OSError as error:
+        raise _unsaved(path, error) from error
+
+
+def check_progress_folder(path: Path) -> None:
+    """Before anybody is asked: `path` could be saved. Raises: FileError."""
+    try:
+        make_own(path.parent, 0o700)
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise _unsaved(path, error) from error
+
+
+def _unsaved(path: Path, error: OSError) -> FileError:
+    return FileError(
+        str(path),
+        "",
+        f"what is found could not be saved ({error.strerror}); it keeps what was saved before",
+        "see that its folder can be written to and has room, then give the same command",
+    )
 
 
 def load_progress(path: Path, conditions: Conditions, seed: int | None = None) -> Progress:

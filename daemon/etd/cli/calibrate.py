@@ -232,8 +232,9 @@ def run(args: argparse.Namespace) -> int:
             tell_trials(args, calibrating.trials)
             return 1
         except EtdError as error:
-            if isinstance(error, Refused | DaemonGone):
-                # The lease has lapsed, or the daemon has ended: not what was answered.
+            is_unsaved = isinstance(error, FileError) and error.file == calibrating.saved_in
+            if isinstance(error, Refused | DaemonGone | FileError) and not is_unsaved:
+                # The lease has lapsed, the daemon has ended, a disk is full: not what was answered.
                 print(f"etd: {calibrating.kept}", file=sys.stderr, flush=True)
             tell_trials(args, calibrating.trials)
             raise

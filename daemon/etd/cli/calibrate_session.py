@@ -21,11 +21,17 @@ from etd.calibrate.conditions import Conditions, check_baseline, check_condition
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
-from etd.calibrate.progress import Progress, finished, load_progress, save_progress
+from etd.calibrate.progress import (
+    Progress,
+    check_progress_folder,
+    finished,
+    load_progress,
+    save_progress,
+)
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
-from etd.cli.calibrate_conditions import requested_conditions
+from etd.cli.calibrate_conditions import COMMAND_LINE, requested_conditions
 from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
@@ -36,6 +42,7 @@ from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED, Calibration
+from etd.protocol.errors import FileError
 from etd.version import __version__
 from etd_hal.compose import wall_time
 
@@ -51,6 +58,7 @@ class CalibrateSession:
         self._display = display
         self._which = which
         self._file = calibrating_file(args.name if args.board is None else "fake", which)
+        check_progress_folder(self._file)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         has_baseline = self._baseline is not None
@@ -58,6 +66,13 @@ class CalibrateSession:
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
         self._progress = self._begun(conditions)
+        if set(args.leave_out) >= set(range(conditions.electrodes)):
+            raise FileError(
+                COMMAND_LINE,
+                "--leave-out",
+                f"all {conditions.electrodes} electrodes of the array are left out",
+                "leave one to be asked, at least",
+            )
         if args.skin_celsius is not None:
             self._progress.skin_celsius = args.skin_celsius
         self._screen = Screen(
@@ -164,6 +179,11 @@ class CalibrateSession:
         return self._trials.name
 
     # --- progress ----------------------------------------------------------------------------
+
+    @property
+    def saved_in(self) -> str:
+        """The file with what is saved."""
+        return str(self._file)
 
     @property
     def kept(self) -> str:

@@ -28,13 +28,12 @@ from etd.calibrate.fitting import (
     check_pause,
     electrodes_to_ask,
     load_fit,
-    save_fit,
 )
-from etd.calibrate.progress import Progress
+from etd.calibrate.progress import Progress, check_progress_folder, save_progress
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import same_command, store
+from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
@@ -63,7 +62,8 @@ class FitSession:
 
     def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
         self._args, self._display, self._which = args, display, which
-        self._file = calibrating_file(args.name if args.board is None else "fake", f"{which}-fit")
+        self._file = calibrating_file(args.name if args.board is None else "fake", which, ".fit")
+        check_progress_folder(self._file)
         self._is_simulated = args.answers == "simulated"
         #: Kept for this run: a clock that is set meanwhile does not make a drift.
         self._wall_offset_ns = clock.wall_offset_ns()
@@ -141,7 +141,7 @@ class FitSession:
         for electrode in self._fitting.take(of_state):
             why = course.left.get(electrode, "no threshold up to its cap")
             self._say(f"electrode {electrode} has no threshold in this state: {why}")
-        save_fit(self._file, self._progress)
+        save_progress(self._file, self._progress)
         self._say(f"{state.name}: done, {len(STATES) - self._progress.states} states to come")
 
     # --- the result --------------------------------------------------------------------------
@@ -154,6 +154,7 @@ class FitSession:
             said = f"no exponent: {error}; the answers are kept in {self._file}, and --restart"
             said = f"{said} asks all states again"
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
+            tell_trials(self._args, self.trials)
             return 1
         made = msgspec.structs.replace(self._baseline, exponent=found)
         store(self._args, self._display, self._which, made, self._file)
@@ -189,6 +190,11 @@ class FitSession:
         return self._trials.name
 
     @property
+    def saved_in(self) -> str:
+        """The file with what is saved."""
+        return str(self._file)
+
+    @property
     def kept(self) -> str:
         """What is saved, and how to continue."""
         done = self._progress.states
@@ -215,7 +221,7 @@ class FitSession:
     def _lowered(self, of_state: Progress) -> None:
         """What was too strong is kept, whatever comes next."""
         self._fitting.lower(of_state)
-        save_fit(self._file, self._progress)
+        save_progress(self._file, self._progress)
 
     def _screen_of(self, of_state: Progress) -> Screen:
         return Screen(

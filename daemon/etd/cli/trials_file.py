@@ -12,6 +12,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -89,9 +90,10 @@ class TrialsFile:
             ) from error
 
     def close(self) -> None:
-        """Idempotent."""
+        """Idempotent. What could not be written was told then: each row is flushed."""
         if self._file is not None:
-            self._file.close()
+            with suppress(OSError):
+                self._file.close()
 
     def _made(self, first: Presentation) -> TextIO:
         self._file = file = self._path.open("x", encoding="utf-8")

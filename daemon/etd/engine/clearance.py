@@ -229,10 +229,13 @@ class Clearance:
             return None
         return self._feeling.felt_ua(due.scheduled.electrode, request.current_ua)
 
-    def _bounds(self, due: DuePulse) -> PulseBounds:
+    def _bounds(self, due: DuePulse, now_ns: int) -> PulseBounds:
         """The frame's, higher where the person said that it is too weak."""
-        bounds, factor = due.scheduled.bounds, self._feeling.factor(due.scheduled.electrode)
-        return bounds if factor <= 1.0 or due.purpose != "stimulus" else bounds.raised(factor)
+        scheduled = due.scheduled
+        factor = self._feeling.factor(scheduled.electrode, now_ns)
+        if factor <= 1.0 or due.purpose != "stimulus":
+            return scheduled.bounds
+        return scheduled.bounds.raised(factor)
 
     def _recontact_ua(self, due: DuePulse, now_ns: int) -> int | None:
         """A measurement of contact is as strong at each electrode, or it would measure nothing."""
@@ -259,7 +262,7 @@ class Clearance:
             ceiling_ua,
             self._recontact_ua(due, now_ns),
             self._contact.is_touched[electrode] is False,
-            self._bounds(due),
+            self._bounds(due, now_ns),
             scheduled.probe_pc,
             felt_ua,
         )

@@ -204,8 +204,13 @@ def _begin_lease(
 
 
 def _hear(core: Supervisor, said: SayFelt) -> FeltDone:
-    """Who holds the lease may say all, anybody else only that it is too strong."""
+    """Who holds the lease may say all, anybody else only that it is too strong: so may whose lease
+    has ended, whose word must not be lost for that.
+    """
     core.states.check_not_halted()
+    is_holder = core.lease is not None and core.lease.token == said.lease
+    if said.answer == "too_strong" and not is_holder:
+        said = msgspec.structs.replace(said, lease=None)
     if said.lease is not None:
         _holder(core, said.lease)
     elif said.answer != "too_strong":

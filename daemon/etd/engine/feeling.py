@@ -22,6 +22,7 @@ _GIVES_BACK = (
     "what was lowered comes back, by at most 5 % a minute, and no more than that"
     " (felt_may_raise = false in the body site)"
 )
+_NOT_BEFORE = "it rises in {} s: nothing does within a minute of too_strong, or of another rise"
 _NOT_RAISED = (
     "nothing is lowered that could come back, and nothing is raised above the frame's own strength"
     " (felt_may_raise = false in the body site): show a higher level, within its caps"
@@ -65,7 +66,7 @@ class Feeling:
 
     def fired(self, electrode: int, part: float, now_ns: int) -> None:
         """A pulse of a frame was fired, with this part of the frame's charge."""
-        self._word[electrode] = min(1.0, self._offsets.factor(electrode))
+        self._word[electrode] = self._offsets.left(electrode)
         self._fired[electrode] = part
         self._offsets.fired(electrode, now_ns)
 
@@ -73,15 +74,15 @@ class Feeling:
         """What laws made of the charge of its next pulse, in times of the frame's."""
         self._gave[electrode] = factor
 
-    def factor(self, electrode: int) -> float:
-        """On the requested current."""
-        return self._offsets.factor(electrode)
+    def factor(self, electrode: int, now_ns: int) -> float:
+        """On the requested current of a pulse now."""
+        return self._offsets.factor(electrode, now_ns)
 
     def felt_ua(self, electrode: int, current_ua: int) -> int | None:
         """What is left of a current since the person said too strong; None: all of it."""
         if self._offsets.is_idle:
             return None
-        factor = self._offsets.factor(electrode)
+        factor = self._offsets.left(electrode)
         return None if factor >= 1.0 else int(current_ua * factor)
 
     def lowered(self) -> tuple[float, ...] | None:
@@ -106,9 +107,20 @@ class Feeling:
             did = self._offsets.hear(said.answer, said.electrodes, now_ns)
         self._answers += 1
         self._last = now_ns, said
-        return FeltDone(did=did, reason=self._why_no_more(said.answer, did))
+        return FeltDone(did=did, reason=self._why_no_more(said, did, now_ns))
 
-    def _why_no_more(self, answer: Answer, did: Followed) -> str:
+    def _why_no_more(self, said: SayFelt, did: Followed, now_ns: int) -> str:
+        if said.answer == "too_strong":
+            return ""
+        about = self._felt_of(said.electrodes, now_ns)
+        least = min((self._offsets.left(electrode) for electrode in about), default=1.0)
+        if least < HARDLY_ANYTHING:
+            return _hardly_anything(least)
+        waits_ns = self._offsets.waits_ns(said.electrodes, now_ns)
+        later = "" if waits_ns is None else _NOT_BEFORE.format(math.ceil(waits_ns / 1e9))
+        return "; ".join(filter(None, (later, self._why_not_higher(said.answer, did))))
+
+    def _why_not_higher(self, answer: Answer, did: Followed) -> str:
         if answer != "too_weak" or did not in ("gives_back", "nothing"):
             return ""
         if not self._may_raise:
@@ -132,7 +144,7 @@ class Feeling:
                 raise Refused(
                     "wrong_state",
                     f"electrode {electrode} was not fired in the last minute"
-                    f"{_what_to_do(self._offsets.factor(electrode))}",
+                    f"{_what_to_do(self._offsets.left(electrode))}",
                     electrode,
                 )
         if not self._offsets.felt(now_ns):
@@ -186,10 +198,12 @@ class Feeling:
         )
 
 
+def _hardly_anything(left: float) -> str:
+    return f"too strong has left {left:.0%} of the current, and only disarming brings it back"
+
+
 def _what_to_do(factor: float) -> str:
     """Where nothing was fired; too strong may have left less than a pulse."""
     if factor < HARDLY_ANYTHING:
-        return (
-            f": too strong has left {factor:.0%} of the current, and only disarming brings it back"
-        )
+        return f": {_hardly_anything(factor)}"
     return ": say it of what is felt now"

@@ -109,7 +109,7 @@ class StimulusAdapter:
         weak: no wider than its slot.
         """
         if not self._stabilizers:
-            return self._raised(scheduled, scheduled.request)
+            return self._raised(scheduled, scheduled.request, now_ns)
         is_probed_first = scheduled.probe is not None
         estimate = self.estimate(
             scheduled.electrode,
@@ -117,7 +117,7 @@ class StimulusAdapter:
             is_probed_first=is_probed_first,
             phases=scheduled.phases,
         )
-        return self._raised(scheduled, self._adapted(scheduled, estimate))
+        return self._raised(scheduled, self._adapted(scheduled, estimate), now_ns)
 
     def readapt(
         self,
@@ -133,13 +133,16 @@ class StimulusAdapter:
         if not self._stabilizers:
             return before
         estimate = self.estimate(scheduled.electrode, now_ns, expected_ohm, phases=scheduled.phases)
-        return before.not_above(self._raised(scheduled, self._adapted(scheduled, estimate)))
+        adapted = self._adapted(scheduled, estimate)
+        return before.not_above(self._raised(scheduled, adapted, now_ns))
 
-    def _raised(self, scheduled: ScheduledPulse, request: PulseRequest) -> PulseRequest:
+    def _raised(
+        self, scheduled: ScheduledPulse, request: PulseRequest, now_ns: int
+    ) -> PulseRequest:
         """Limits lower it where the person said too strong (`clearance.py`): this only raises,
         within what its frame leaves for it.
         """
-        factor = self._feeling.factor(scheduled.electrode)
+        factor = self._feeling.factor(scheduled.electrode, now_ns)
         if factor <= 1.0:
             return request
         bounds = scheduled.bounds.raised(factor)

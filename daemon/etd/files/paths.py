@@ -111,13 +111,14 @@ def supply_note_file(name: str, backend: Literal["linux", "fake"], given: Path |
     return (given or _user_state() / name) / f"supply-{backend}.json"
 
 
-def calibrating_file(name: str, which: str) -> Path:
-    """Where this user's unfinished calibration `which` on this daemon is kept. Raises: FileError.
+def calibrating_file(name: str, which: str, ending: str = "") -> Path:
+    """Where this user's unfinished calibration `which` on this daemon is kept; with an `ending`
+    what else is asked for it. Raises: FileError.
 
     With the user who calibrates, not with the daemon: it is no limit of anybody yet.
     """
     file = check_name(which, "the calibration's name")
-    return _user_state() / check_name(name) / "calibrating" / f"{file}.json"
+    return _user_state() / check_name(name) / "calibrating" / f"{file}{ending}.json"
 
 
 def control_address(name: str) -> str:

@@ -64,6 +64,8 @@ from etd.protocol.messages import (
 
 #: These read or write files, or list a folder of them: at a thousand, 2 ms of the processor.
 SLOW: Final = (GetCalibration, Hello, Open, Record)
+#: Why a lease is not one's own, or not any more.
+_NOT_THE_HOLDERS: Final = ("no_lease", "other_lease")
 #: A request that the engine has got: the ref of its answer, and what makes a reply of that.
 _Sent = tuple[int, Done]
 
@@ -202,8 +204,14 @@ class ControlHandler:
         return self._sent(command, replies.marked)
 
     def _felt(self, request: Felt, inbound: InboundMessage) -> _Sent:
-        """With the lease, anything; without it, only what lowers."""
-        lease = None if request.lease is None else self._held(request.lease, inbound)
+        """With the lease, anything; without it, or with one that has ended, only what lowers."""
+        lease = None
+        if request.lease is not None:
+            try:
+                lease = self._held(request.lease, inbound)
+            except Refused as refused:
+                if request.answer != "too_strong" or refused.code not in _NOT_THE_HOLDERS:
+                    raise
         command = SayFelt(
             ref=self._pending.next_ref(),
             answer=request.answer,

@@ -123,6 +123,12 @@ class _Electrode:
     def own_mean(self, now_ns: int) -> float:
         return 0.0 if self.own is None else self.own.mean(now_ns)
 
+    def waits_ns(self, now_ns: int) -> int | None:
+        """Until there is room for what the last word lets it rise; None: it rises no more."""
+        if self.target - self.offset <= _LEAST_LOG or self.left <= _LEAST_LOG or not self.rises:
+            return None
+        return self.rises[0][0] + MINUTE_NS - now_ns
+
     def was_felt(self, now_ns: int) -> bool:
         return self.fired_ns is not None and now_ns - self.fired_ns <= FELT_NS
 
@@ -195,14 +201,21 @@ class FeltOffsets:
         else:
             found.fired(now_ns)
 
-    def factor(self, electrode: int) -> float:
-        """On the current that is requested: at most `MOST`, and 1 where raising is not allowed; as
-        of its last pulse.
+    def factor(self, electrode: int, now_ns: int) -> float:
+        """On the current that is requested of a pulse now: at most `MOST`, and 1 where raising is
+        not allowed, or nothing was fired at it in the last minute.
         """
-        return 1.0 if self.is_idle else math.exp(self._electrodes[electrode].offset)
+        if self.is_idle:
+            return 1.0
+        found = self._electrodes[electrode]
+        return math.exp(found.offset if found.was_felt(now_ns) else min(found.offset, 0.0))
+
+    def left(self, electrode: int) -> float:
+        """What *too strong* has left of it, as of its last pulse: at most 1."""
+        return 1.0 if self.is_idle else math.exp(min(self._electrodes[electrode].offset, 0.0))
 
     def factors(self) -> tuple[float, ...]:
-        """Of all electrodes."""
+        """Of all electrodes, as of the last pulse of each."""
         return tuple([math.exp(electrode.offset) for electrode in self._electrodes])
 
     def was_felt(self, electrode: int, now_ns: int) -> bool:
@@ -218,6 +231,18 @@ class FeltOffsets:
                 if electrode.was_felt(now_ns)
             ]
         )
+
+    def waits_ns(self, electrodes: Sequence[int] | None, now_ns: int) -> int | None:
+        """How long until the first of these rises that the last word lets rise, where none rose at
+        once; None: one did, or none will.
+        """
+        waiting = []
+        for each in self._those(electrodes):
+            if each.rises and each.rises[-1][0] == now_ns:
+                return None
+            if (waits_ns := each.waits_ns(now_ns)) is not None:
+                waiting.append(waits_ns)
+        return min(waiting, default=None)
 
     def hear(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> Followed:
         """The word of the lease's holder: about these electrodes, or None: all in common. Of those
