@@ -320,7 +320,8 @@ def test_a_check_of_drift_that_a_pause_came_before_is_made_when_it_goes_on() -> 
 
     with pytest.raises(Stopped):
         told_drifts(progress, skin, pause, 8)
-    assert progress.drift is None
+    at_the_pause = progress.drift
+    assert at_the_pause is None
     skin.threshold_ua = [1.5 * value for value in skin.threshold_ua]
     (told,) = told_drifts(progress, skin, lambda _: None, 8)
     assert told == (progress.drift, False)

@@ -15,7 +15,8 @@ import pytest
 from command_rig import CommandRig, command_rig
 from etd.calibrate.conditions import Conditions, identity
 from etd.calibrate.exponent import Asked
-from etd.calibrate.fitting import STATES, FitProgress, electrodes_to_ask, save_fit
+from etd.calibrate.fitting import STATES, FitProgress, electrodes_to_ask
+from etd.calibrate.progress import save_progress
 from etd.files import resources
 from etd.files.calibration import load_calibration
 from etd_hal.compose import wall_time
@@ -59,7 +60,7 @@ def saved(rig: CommandRig, criterion_sigma: float, states: int = len(STATES)) ->
             at_s = now_s - 2_000.0 + 400.0 * state + 40.0 * place
             threshold_ua = max(20.0, min(2_000.0, 600.0 * moved))
             asked.append(Asked(electrode, state, at_s, threshold_ua, ohm))
-    path = rig.folder / "state" / "etd" / "fake" / "calibrating" / "K01-fit.json"
+    path = rig.folder / "state" / "etd" / "fake" / "calibrating" / "K01.fit.json"
     progress = FitProgress(
         conditions=conditions,
         electrodes=electrodes,
@@ -69,7 +70,7 @@ def saved(rig: CommandRig, criterion_sigma: float, states: int = len(STATES)) ->
         states=states,
         asked=asked,
     )
-    save_fit(path, progress)
+    save_progress(path, progress)
     return path
 
 
@@ -93,7 +94,7 @@ def test_what_was_answered_is_kept_where_nothing_can_be_fitted(rig: CommandRig) 
     progress = msgspec.json.decode(path.read_bytes(), type=FitProgress)
     few = progress.electrodes[:3]
     progress.asked = [one for one in progress.asked if one.state == 0 or one.electrode in few]
-    save_fit(path, progress)
+    save_progress(path, progress)
     before = path.read_bytes()
     told = rig.run(*FIT, *ON_FAKE, "--out", str(rig.folder / "K01.toml"))
     assert told.status == 1
@@ -109,7 +110,7 @@ def test_a_fit_of_the_day_before_is_not_continued(rig: CommandRig) -> None:
     progress.asked = [
         msgspec.structs.replace(one, at_s=one.at_s - 86_400) for one in progress.asked
     ]
-    save_fit(path, progress)
+    save_progress(path, progress)
     told = rig.run(*FIT, *ON_FAKE)
     assert told.status == 2
     assert "the last state was over 24 hours ago" in told.err
