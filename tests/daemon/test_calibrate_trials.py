@@ -208,6 +208,17 @@ def test_a_folder_that_takes_no_results_is_told_before_anybody_is_asked(tmp_path
     assert load_progress(path, ROW) == progress
 
 
+def test_what_is_saved_is_of_its_board_and_finger(tmp_path: Path) -> None:
+    path = tmp_path / "P01.json"
+    save_progress(path, Progress(conditions=ROW, seed=1, made_on="one, finger tender:7"))
+    assert load_progress(path, ROW, made_on="one, finger tender:7").seed == 1
+    for other in ("one", "two, finger tender:7"):
+        with pytest.raises(FileError, match=f"is of one, finger tender:7, this board is {other}"):
+            load_progress(path, ROW, made_on=other)
+    save_progress(path, Progress(conditions=ROW, seed=1))
+    assert load_progress(path, ROW, made_on="one").made_on is None
+
+
 def test_each_trial_is_in_the_file_before_the_next(tmp_path: Path) -> None:
     path, clock = tmp_path / "trials.tsv", Clock()
     file = trials_file(path, clock)

@@ -55,6 +55,22 @@ def test_good_at_once_after_too_strong_gives_it_back_a_minute_later() -> None:
     assert offsets.factors()[0] == pytest.approx(1.0)
 
 
+def test_a_program_that_repeats_a_word_says_it_once_in_half_a_minute() -> None:
+    """A person whose answer is repeated has not judged anew: *good* afterwards takes it back."""
+    left = []
+    for times in (1, 1_000):
+        offsets = FeltOffsets(1, may_raise=True)
+        offsets.fired(0, 0)
+        for number in range(times):
+            offsets.hear("too_weak", None, number)
+        for second in (40, 75, 110):
+            offsets.fired(0, second * S)
+            offsets.hear("good", None, second * S)
+        left.append(offsets.factors()[0])
+    assert left[0] == pytest.approx(left[1], abs=1e-6)
+    assert left[0] < RISE_A_MINUTE
+
+
 def test_it_is_known_how_long_a_rise_has_to_wait() -> None:
     offsets = FeltOffsets(2, may_raise=False)
     for electrode in range(2):

@@ -28,6 +28,7 @@ from etd.protocol.calibration import (
     resisted_as_skin,
 )
 from etd.protocol.errors import FileError
+from etd.protocol.frame import ShortText
 
 
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -38,7 +39,8 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     presentations and the finished calibration. `seed`: of the random order; None in a file of
     before there was one, which continues in the array's order. `is_whole_accepted`: all electrodes
     at once, at level 1, were presented with these figures and not too strong. `drift`,
-    `is_drift_least` and `skin_celsius`: as in the calibration.
+    `is_drift_least` and `skin_celsius`: as in the calibration. `made_on`: the board, and of a fake
+    one the finger; None in a file of before that was kept.
     """
 
     conditions: Conditions
@@ -52,6 +54,7 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     drift: Annotated[float, Meta(ge=-1)] | None = None
     is_drift_least: bool = False
     skin_celsius: SkinCelsius | None = None
+    made_on: ShortText | None = None
 
     @property
     def missing(self) -> tuple[int, ...]:
@@ -157,8 +160,10 @@ def _unsaved(path: Path, error: OSError) -> FileError:
     )
 
 
-def load_progress(path: Path, conditions: Conditions, seed: int | None = None) -> Progress:
-    """`seed`: the one asked for; None takes the saved one.
+def load_progress(
+    path: Path, conditions: Conditions, seed: int | None = None, made_on: str | None = None
+) -> Progress:
+    """`seed`: the one asked for; None takes the saved one. `made_on`: this board; None: any.
 
     Raises: FileError, also for other conditions, or figures that they cannot have given.
     """
@@ -181,6 +186,13 @@ def load_progress(path: Path, conditions: Conditions, seed: int | None = None) -
                 f"the saved progress has {was}, this calibration {now}",
                 "use the same conditions, or start again with --restart",
             )
+    if made_on is not None and progress.made_on not in (None, made_on):
+        raise FileError(
+            str(path),
+            "made_on",
+            f"the saved progress is of {progress.made_on}, this board is {made_on}",
+            "use that one, or start again with --restart",
+        )
     _check_order(str(path), progress, seed)
     for electrode, limits in progress.found.items():
         _check_found(str(path), progress, electrode, limits)

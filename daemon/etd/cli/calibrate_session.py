@@ -201,8 +201,9 @@ class CalibrateSession:
         """The saved progress. Raises: FileError if its conditions differ."""
         seed = self._args.seed
         if self._args.restart or not self._file.exists():
-            return Progress(conditions=conditions, seed=self._new_seed() if seed is None else seed)
-        progress = load_progress(self._file, conditions, seed)
+            seed = self._new_seed() if seed is None else seed
+            return Progress(conditions=conditions, seed=seed, made_on=self._made_on)
+        progress = load_progress(self._file, conditions, seed, self._made_on)
         print(f"continuing: electrodes done so far: {len(progress.found)}", file=sys.stderr)
         if progress.troubled:
             where = ", ".join(map(str, progress.troubled))
@@ -211,6 +212,12 @@ class CalibrateSession:
                 file=sys.stderr,
             )
         return progress
+
+    @property
+    def _made_on(self) -> str:
+        """The board, and of a fake one whose finger is on it."""
+        board, finger = self._display.facts.board.name, self._args.finger
+        return board if finger is None else f"{board}, finger {finger.kind}:{finger.seed}"
 
     def _new_seed(self) -> int:
         return SIMULATED_SEED if self._args.answers == "simulated" else randrange(MOST_SEED + 1)

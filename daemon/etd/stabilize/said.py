@@ -17,6 +17,7 @@ may raise is decided by the caller. It is a request like any other: the limits c
   frame's own, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
   from the frame's own strength; a deeper one only as far as the estimate rises.
+- The same said of the same again within half a minute is one answer.
 - *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
   neither of the two lowers anything.
 - Up only while the electrode is fired: not for one that was not fired in the last minute, whose
@@ -183,6 +184,8 @@ class FeltOffsets:
         self._electrodes = [_Electrode() for _ in range(electrodes)]
         self._common = OffsetEstimate()
         self._insisting = _Insisting()
+        #: The last *good* or *too weak* that counted: of what, and when.
+        self._word: tuple[Answer, frozenset[int] | None, int] | None = None
         #: Whether any factor can differ from 1.
         self.is_idle = True
 
@@ -191,6 +194,7 @@ class FeltOffsets:
         self._electrodes = [_Electrode() for _ in self._electrodes]
         self._common = OffsetEstimate()
         self._insisting = _Insisting()
+        self._word = None
         self.is_idle = True
 
     def fired(self, electrode: int, now_ns: int) -> None:
@@ -253,7 +257,8 @@ class FeltOffsets:
             self._lower(electrodes, now_ns, first)
             return "lowered"
         self.is_idle = False
-        self._estimate(answer, electrodes, now_ns)
+        if not self._is_said_again(answer, electrodes, now_ns):
+            self._estimate(answer, electrodes, now_ns)
         for electrode in self._those(electrodes):
             electrode.insisting.contradict()
         if electrodes is None:
@@ -275,6 +280,20 @@ class FeltOffsets:
         if not rising:
             return "nothing"
         return "raises" if max(rising) > 0.0 else "gives_back"
+
+    def _is_said_again(self, answer: Answer, electrodes: Sequence[int] | None, now_ns: int) -> bool:
+        """Within half a minute the same of the same is one answer, however often a program says
+        it: the estimate takes each for another judgement of the person.
+        """
+        about = None if electrodes is None else frozenset(electrodes)
+        if (
+            self._word is not None
+            and self._word[:2] == (answer, about)
+            and now_ns - self._word[2] < AT_ONCE_NS
+        ):
+            return True
+        self._word = answer, about, now_ns
+        return False
 
     def lower(self, electrodes: Sequence[int] | None, now_ns: int) -> None:
         """*Too strong*, by a button or a program without the lease."""
