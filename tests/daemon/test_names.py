@@ -23,7 +23,7 @@ import etd_hal
 from etd.files.array import Array
 from etd.files.body_site import BodySite
 from etd.files.check import check_file
-from etd.files.paths import check_name
+from etd.files.paths import calibrating_file, check_name
 from etd.protocol.errors import FileError
 from etd.protocol.frame import ClientName, Name, PlainText
 from etd_hal.boardfile import BoardFile, MachineFile
@@ -113,3 +113,13 @@ def test_an_array_whose_name_ends_in_a_line_break_is_refused(tmp_path: Path) -> 
     checked = check_file(write(tmp_path, "a.toml", text))
     assert checked.error is not None
     assert "name" in checked.error
+
+
+def test_what_is_added_to_a_calibration_is_saved_beside_it_however_long_its_name() -> None:
+    longest = "P" * 32
+    asked, added = calibrating_file("fake", longest), calibrating_file("fake", longest, ".fit")
+    assert asked.parent == added.parent
+    assert asked != added
+    assert calibrating_file("fake", "P01-fit") != calibrating_file("fake", "P01", ".fit")
+    with pytest.raises(FileError, match="give 1 to 32 letters"):
+        calibrating_file("fake", longest + "P", ".fit")
