@@ -382,9 +382,9 @@ def main() -> int:
     args = parser.parse_args()
     if args.stranger is not None:
         return _attack(STRANGERS[args.stranger], args.folder)
-    loads = {"nobody": (), "all of them at once": tuple(args.only or STRANGERS)}
+    loads = {"no stranger": (), "all of them at once": tuple(args.only or STRANGERS)}
     if args.only is None:
-        loads = {"nobody": (), **{name: (name,) for name in STRANGERS}, **loads}
+        loads = {"no stranger": (), **{name: (name,) for name in STRANGERS}, **loads}
     found = [measure(load, strangers, args.stops) for load, strangers in loads.items()]
     held = [bound for one in found for bound in bounds(one)]
     console = Console(width=None if sys.stdout.isatty() else 120)

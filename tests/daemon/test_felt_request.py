@@ -50,7 +50,7 @@ def test_a_program_with_the_lease_says_it_with_the_lease() -> None:
 def test_too_strong_is_heard_of_a_lease_that_has_ended_and_nothing_else_is() -> None:
     with GatewayRig() as rig:
         mine = rig.open()
-        for lease in ("of-nobody", mine + "x"):
+        for lease in ("unknown", mine + "x"):
             assert rig.call(op="felt", answer="too_strong", lease=lease)["ok"]
             assert rig.call(op="felt", answer="good", lease=lease)["error"] == "other_lease"
         assert rig.call(op="felt", answer="too_strong", lease=mine)["ok"]

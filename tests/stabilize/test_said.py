@@ -95,7 +95,7 @@ def test_a_factor_rises_by_at_most_five_percent_a_minute(story: list[Moment]) ->
 
 @given(stories)
 def test_nothing_rises_within_a_minute_of_too_strong(story: list[Moment]) -> None:
-    """Whoever says it, and whatever is said after it."""
+    """By a button or by the holder of the lease, with any words after it."""
     played = Played()
     for moment in story:
         played.fire(moment)

@@ -9,16 +9,22 @@ from etd.stabilize.said import ANSWERED_LOWERED_BY, RISE_A_MINUTE, FeltOffsets
 S = 1_000_000_000
 
 
-def test_a_rise_comes_with_the_word_and_the_next_one_a_minute_after_it() -> None:
-    offsets, reached = FeltOffsets(1, may_raise=True), []
-    for second in range(120):
+def reached(said_at_s: tuple[int, ...], until_s: int) -> list[float]:
+    """The factor at each second, with a pulse a second, where *too weak* is said at these."""
+    offsets, found = FeltOffsets(1, may_raise=True), []
+    for second in range(until_s):
         offsets.fired(0, second * S)
-        if second in (30, 89):
+        if second in said_at_s:
             offsets.hear("too_weak", None, second * S)
-        reached.append(offsets.factors()[0])
-    assert reached[29:31] == [1.0, pytest.approx(RISE_A_MINUTE)]
-    assert reached[89] == reached[30]
-    assert reached[90:120] == [pytest.approx(RISE_A_MINUTE**2)] * 30
+        found.append(offsets.factors()[0])
+    return found
+
+
+def test_a_rise_comes_with_the_word_and_the_next_one_a_minute_after_it() -> None:
+    found = reached((30, 89), 120)
+    assert found[29:31] == [1.0, pytest.approx(RISE_A_MINUTE)]
+    assert found[89] == found[30]
+    assert found[90:120] == [pytest.approx(RISE_A_MINUTE**2)] * 30
 
 
 def test_many_words_at_once_raise_now_and_once_more_after_a_minute() -> None:
@@ -34,14 +40,9 @@ def test_many_words_at_once_raise_now_and_once_more_after_a_minute() -> None:
 
 def test_what_a_word_had_no_room_for_comes_when_the_minute_is_over() -> None:
     """As far as one word goes: the answer before it came half a minute ago, none comes after it."""
-    offsets, reached = FeltOffsets(1, may_raise=True), []
-    for second in range(360):
-        offsets.fired(0, second * S)
-        if second in (30, 60):
-            offsets.hear("too_weak", None, second * S)
-        reached.append(offsets.factors()[0])
-    assert reached[30] == reached[89] == pytest.approx(RISE_A_MINUTE)
-    assert reached[90] == reached[359] == pytest.approx(RISE_A_MINUTE**2)
+    found = reached((30, 60), 360)
+    assert found[30] == found[89] == pytest.approx(RISE_A_MINUTE)
+    assert found[90] == found[359] == pytest.approx(RISE_A_MINUTE**2)
 
 
 def test_good_at_once_after_too_strong_gives_it_back_a_minute_later() -> None:
@@ -82,3 +83,28 @@ def test_it_is_known_how_long_a_rise_has_to_wait() -> None:
     assert offsets.waits_ns((1,), 20 * S) is None
     offsets.fired(0, 61 * S)
     assert offsets.waits_ns(None, 61 * S) is None, "it has risen"
+
+
+def test_an_electrode_that_is_not_fired_any_more_is_not_waited_for() -> None:
+    offsets = FeltOffsets(2, may_raise=False)
+    for electrode in range(2):
+        offsets.fired(electrode, 0)
+    offsets.hear("too_strong", (0,), 0)
+    offsets.hear("good", None, 1)
+    offsets.fired(1, 200 * S)
+    offsets.hear("good", None, 200 * S)
+    assert offsets.waits_ns(None, 200 * S) is None
+
+
+def test_the_same_word_after_too_strong_is_another_answer() -> None:
+    """Once more too weak, of what *too strong* has left, is believed as a first one is."""
+    offsets = FeltOffsets(1, may_raise=False)
+    offsets.fired(0, 0)
+    offsets.hear("too_weak", None, 0)
+    for second in (1, 2):
+        offsets.hear("too_strong", (0,), second * S)
+    lowered = offsets.factors()[0]
+    offsets.hear("too_weak", None, 3 * S)
+    for second in (40, 80):
+        offsets.fired(0, second * S)
+    assert offsets.factors()[0] == pytest.approx(RISE_A_MINUTE * lowered)

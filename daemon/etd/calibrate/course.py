@@ -88,7 +88,7 @@ class Course:
         self._waiting: list[int] = []
         self._check_each = CHECK_EACH
         self._in_play: dict[int, Task] = {}
-        #: Of so many that have figures the first was asked again.
+        #: How many had figures when the first was asked again; after so many more it is once more.
         self._checked = 0
         #: What each of these feels like was asked in this run, whatever was answered.
         self._asked_sensation: set[int] = set()
@@ -225,13 +225,14 @@ class Course:
         changed there, may have changed everywhere.
         """
         count = len(self._progress.found)
-        is_one_left = bool(self._waiting or self._in_play)
-        if not is_one_left or self._progress.seed is None:
+        is_one_left = bool(self._waiting) or any(not one.is_check for one in self._in_play.values())
+        is_due = count > 0 and count - self._checked >= self._check_each
+        if not is_one_left or not is_due or self._progress.seed is None:
             return
-        if count < max(1, self._check_each) or count - self._checked < self._check_each:
-            return
-        self._checked = count
         first = next((one for one, limits in self._progress.found.items() if limits.felt), None)
+        if first in self._in_play:
+            return  # It is being asked already.
+        self._checked = count
         if first is not None and (task := self._tasks.check(first)) is not None:
             self._in_play[first] = task
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
-from etd.files.atomic_file import write_atomically
+from etd.files.atomic_file import check_folder, write_atomically
 from etd.files.paths import make_own
 from etd.protocol.calibration import (
     Calibration,
@@ -145,8 +144,7 @@ def check_progress_folder(path: Path) -> None:
     """Before anybody is asked: `path` could be saved. Raises: FileError."""
     try:
         make_own(path.parent, 0o700)
-        with TemporaryFile(dir=path.parent):
-            pass
+        check_folder(path.parent)
     except OSError as error:
         raise _unsaved(path, error) from error
 

@@ -7,8 +7,8 @@ not come meanwhile. Must not know: what is written.
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryFile
 
+from etd.files.atomic_file import check_folder
 from etd.protocol.errors import FileError
 
 
@@ -26,8 +26,7 @@ def check_new_file(path: Path | None) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "", "there is no such folder", "create it first")
     try:
-        with TemporaryFile(dir=path.parent):
-            pass
+        check_folder(path.parent)
     except OSError as error:
         why = f"the folder is not writable ({error.strerror})"
         raise FileError(str(path.parent), "", why, "choose another folder") from error

@@ -1,6 +1,7 @@
 """A file that is written whole or not at all.
 
-Owns: the temporary file, the rename, and that both are on the disk. Must not know: what is in it.
+Owns: the temporary file, the rename, that both are on the disk, and whether a folder takes one.
+Must not know: what is in it.
 """
 
 from __future__ import annotations
@@ -9,6 +10,12 @@ import contextlib
 import os
 import tempfile
 from pathlib import Path
+
+
+def check_folder(folder: Path) -> None:
+    """A new file could be written there now; none is left. Raises: OSError."""
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def write_atomically(path: Path, data: bytes, mode: int) -> None:

@@ -177,16 +177,17 @@ class Listener:
             self._judge(accepted)
 
     def _accept_last(self) -> None:
-        """With the spare descriptor: nobody whose words may be on the way makes room unheard."""
+        """With the spare descriptor: a silent connection leaves for the newcomer, or it does."""
         self._give_up_spare()
-        try:
-            # Another process may have taken the system's last, or the newcomer may have left.
-            with suppress(OSError):
-                accepted, _ = self._socket.accept()
-                self._judge(accepted, is_last=True)
-        finally:
-            with suppress(OSError):
-                self._spare = _idle_descriptor()
+        accepted: socket.socket | None = None
+        # Another process may have taken the system's last, or the newcomer may have left.
+        with suppress(OSError):
+            accepted, _ = self._socket.accept()
+        if accepted is not None:
+            self._judge(accepted, is_last=True)
+        # Where none is left even now, the next newcomer waits in the kernel until there is.
+        with suppress(OSError):
+            self._spare = _idle_descriptor()
 
     def _give_up_spare(self) -> None:
         if self._spare is not None:

@@ -12,12 +12,11 @@ may raise is decided by the caller. It is a request like any other: the limits c
 - *too weak* and *good* let the factor rise to the estimate (`offset_estimate.py`): each by at most
   5 %, and all by at most 5 % in any minute. It rises at once; what the minute before leaves no room
   for follows when that is over, and within a minute of *too strong* there is no room: a program may
-  say *good* all the time.
-  Only what was lowered comes back so; where raising is allowed, *too weak* takes it above the
-  frame's own, and never above 1.2.
+  say *good* all the time. Only what was lowered comes back so; where raising is allowed, *too weak*
+  takes it above the frame's own, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
   from the frame's own strength; a deeper one only as far as the estimate rises.
-- The same said of the same again within half a minute is one answer.
+- The same said of the same again within half a minute is one answer, but after *too strong*.
 - *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
   neither of the two lowers anything.
 - Up only while the electrode is fired: not for one that was not fired in the last minute, whose
@@ -238,10 +237,10 @@ class FeltOffsets:
 
     def waits_ns(self, electrodes: Sequence[int] | None, now_ns: int) -> int | None:
         """How long until the first of these rises that the last word lets rise, where none rose at
-        once; None: one did, or none will.
+        once; None: one did, or none will. Of those that were fired in the last minute.
         """
         waiting = []
-        for each in self._those(electrodes):
+        for each in [one for one in self._those(electrodes) if one.was_felt(now_ns)]:
             if each.rises and each.rises[-1][0] == now_ns:
                 return None
             if (waits_ns := each.waits_ns(now_ns)) is not None:
@@ -301,6 +300,8 @@ class FeltOffsets:
 
     def _lower(self, electrodes: Sequence[int] | None, now_ns: int, first: float) -> None:
         self.is_idle = False
+        # What is said after it is another answer, also where it was said before.
+        self._word = None
         self._estimate("too_strong", electrodes, now_ns)
         if electrodes is None:
             step = -math.log(1.0 - self._insisting.takes(first, now_ns))
