@@ -286,8 +286,8 @@ class Display(Connection["zmq.Socket[bytes]"]):
         frame's own, by no more and by 20 % in all, only where the body site allows it
         (`facts.felt_may_raise`; no shipped one does). What was said is gone when the board is
         disarmed. A program that does not hold the lease can only lower.
-        `did` of the reply: "lowered", "gives_back", "raises" or "nothing"; `reason`: why too weak
-        did no more.
+        `did` of the reply: "lowered", "gives_back", "raises" or "nothing"; `reason`: why it did
+        no more, or in how many seconds it will.
         Raises: Refused (`not_armed`, `other_lease`, `no_lease`; `wrong_state`: not fired in the
         last minute; `bad_message`).
         """
