@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import pytest
 
 from engine_rig import LEASE, EngineRig
-from engine_scenes import MS, ended_leases, fully_open, only, phases, states
+from engine_scenes import MS, ended_leases, fully_open, halts, only, phases, states
+from etd.engine.stopper import SILENT_NS
 from etd.protocol.link import Alive, KeepLease
 from etd_hal.backend import Backend
 from etd_hal.ports import Clock
@@ -61,12 +62,16 @@ class Scene:
     def show(self, ttl_ms: int) -> None:
         assert self.rig.show(current_ua=only(16, e3=CURRENT_UA), ttl_ms=ttl_ms).error is None
 
+    def keep(self, for_ms: int) -> None:
+        """Time passes with the lease kept."""
+        for _ in range(for_ms // 20):
+            self.rig.commands.send(KeepLease(ref=0, lease=LEASE))
+            self.rig.run_ms(20)
+
     def shown_ms(self, within_ms: int) -> float:
         """For how long, on the board's clock, it fires from now on; the lease is kept."""
         begun_ns = self.rig.clock.now_ns()
-        for _ in range(within_ms // 20):
-            self.rig.commands.send(KeepLease(ref=0, lease=LEASE))
-            self.rig.run_ms(20)
+        self.keep(within_ms)
         return (max(phase.from_ns for phase in phases(self.rig, begun_ns)) - begun_ns) / MS
 
 
@@ -142,6 +147,20 @@ def test_a_lease_and_the_gateways_silence_are_lengthened_by_the_same_factor(
     watched.machine.held_up_ns += 400 * MS
     watched.rig.run_ms(5)
     assert watched.rig.state == state
+
+
+@pytest.mark.parametrize("factor", [1, 3])
+def test_the_stopper_of_a_fake_may_wait_for_a_processor_as_long_as_the_rest(
+    make_rig: MakeRig, factor: int
+) -> None:
+    scene = Scene(make_rig, factor=factor)
+    fully_open(scene.rig, CURRENT_UA)
+    scene.rig.stopper.is_looking = False
+    scene.keep(factor * SILENT_NS // MS - 40)
+    assert scene.rig.state == "ARMED"
+    scene.keep(100)
+    assert scene.rig.state == "HALTED"
+    assert "the stopper made no check" in halts(scene.rig)[0].detail
 
 
 def test_every_status_tells_the_factor_and_how_late_the_board_is(make_rig: MakeRig) -> None:

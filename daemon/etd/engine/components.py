@@ -139,7 +139,9 @@ def components_of(
         host_clock=backend.host_clock,
         timeouts=timeouts,
         board=board,
-        stopper_liveness=StopperLiveness(board.cut, supply_note),
+        stopper_liveness=StopperLiveness(
+            board.cut, supply_note, most_silent_ns=timeouts.stopper_silence_ns
+        ),
         gateway_link=dialogue,
         opening=Opening(reader),
         reporter=reporter,

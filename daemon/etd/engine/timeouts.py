@@ -1,14 +1,15 @@
 """How long a message of another process holds: a frame, a lease, a sign of life.
 
-Owns: the three durations that count on the machine's own clock, and the factor that lengthens them.
+Owns: the four durations that count on the machine's own clock, and the factor that lengthens them.
 Must not know: clocks, sockets, which backend there is.
 
-They end a current whose sender is gone. With a real board the factor is always 1
+They end a current whose sender, or whose stopper, is gone. With a real board the factor is always 1
 (`etd_hal.backend.Backend` enforces it); a fake board on a busy machine may have a larger factor.
 """
 
 from __future__ import annotations
 
+from etd.engine.stopper import SILENT_NS as STOPPER_SILENT_NS
 from etd.protocol.link import SILENCE_NS
 from etd.protocol.messages import LEASE_MS
 
@@ -22,6 +23,7 @@ class Timeouts:
         self.factor = factor
         self.lease_ns = factor * LEASE_MS * _MS
         self.silence_ns = factor * SILENCE_NS
+        self.stopper_silence_ns = factor * STOPPER_SILENT_NS
 
     def ttl_ns(self, ttl_ms: int) -> int:
         """How long a frame with this ttl is shown."""
