@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal
 
+import msgspec
 import pytest
 
 from charge_witness import even_skin
 from engine_rig import EngineRig
-from engine_scenes import config, fully_open, only, shortfalls
+from engine_scenes import config, fully_open, only, phases, shortfalls
 from etd_body.electrode import Contact, load
 from net_witness import NetWitness
 
@@ -22,10 +25,14 @@ STRONG = {"current_ua": only(N, e3=2_400), "width_us": 120, "rate_hz": 100.0}
 
 
 def rig_and_left(
-    make_rig: MakeRig, contacts: Sequence[Contact] | None = None
+    make_rig: MakeRig,
+    contacts: Sequence[Contact] | None = None,
+    balance: Literal["biphasic"] | None = None,
 ) -> tuple[EngineRig, NetWitness]:
-    """Even skin, or with these contacts."""
+    """Even skin, or with these contacts. `balance`: as the body site has it."""
     loaded = config(electrodes=N)
+    site = msgspec.structs.replace(loaded.body_site, balance=balance)
+    loaded = replace(loaded, body_site=site)
     body = even_skin(loaded.board, N)
     for electrode, contact in enumerate(contacts or ()):
         body.touch(0, electrode, contact)
@@ -73,6 +80,21 @@ def test_biphasic_pulses_of_the_same_current_leave_next_to_nothing(make_rig: Mak
     asked = {**STRONG, "rate_hz": 50.0, "polarity": "biphasic"}
     assert renewed(rig, 1.0, **asked) is None
     assert left.most_uc < 0.5
+
+
+def test_a_site_that_balances_shows_for_ever_what_would_pass_the_bound(make_rig: MakeRig) -> None:
+    """With both phases from the first pulse on, as the reply says."""
+    rig, left = rig_and_left(make_rig, balance="biphasic")
+    begun_ns = rig.clock.now_ns()
+    asked = {**STRONG, "rate_hz": 50.0}
+    first = rig.show(ttl_ms=200, **asked)
+    assert [(it.electrode, it.reason) for it in first.slowed] == [(3, "balanced")]
+    assert renewed(rig, 3.0, **asked) is None
+    assert left.most_uc < 0.5
+    ways = [it.is_anodic for it in phases(rig, begun_ns) if it.electrode == 3]
+    assert len(ways) > 100
+    assert ways == [True, False] * (len(ways) // 2)
+    assert shortfalls(rig) == []
 
 
 #: Of 27 uA at three others electrode 3 carries 19 back; an even part would be 1.8.

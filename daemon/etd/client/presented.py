@@ -282,6 +282,11 @@ def _clamp(clamp: Clamp) -> str:
 
 def _shortfall(shortfall: Shortfall) -> str:
     where = "" if shortfall.electrode is None else f"electrode {shortfall.electrode}: "
+    if shortfall.reason == "balanced":
+        return (
+            f"{where}all pulses had both phases, since those of one would leave too much direct"
+            " current (balance of the body site)"
+        )
     if shortfall.rate_hz is not None:
         return f"{where}slowed to {shortfall.rate_hz:.1f} Hz ({shortfall.reason})"
     if shortfall.lasts_ms is not None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -91,6 +91,10 @@ class BodySite(Strict, frozen=True):
     stabilize: Settings = NO_STABILIZERS
     #: Whether what the person says may raise a level above the frame's own (`stabilize/said.py`).
     felt_may_raise: bool = False
+    #: What becomes of a frame of single phases whose direct current would pass `net_charge_nc` if
+    #: it stood: by default it is refused when it does. `biphasic`: each of its pulses has the other
+    #: phase as well, which is told, and feels different.
+    balance: Literal["biphasic"] | None = None
 
 
 def yardstick_nc(diameter_mm: float) -> float:

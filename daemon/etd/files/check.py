@@ -162,7 +162,7 @@ def _body_site(path: Path) -> Answer:
         f"{site.maxima.uncalibrated_current_ua} uA until calibrated, then"
         f" {site.maxima.current_ua} uA; {site.maxima.charge_nc} nC a phase, {side} the yardstick"
         f" of about {round(line_nc, -1):.0f} nC for {site.electrode_diameter_mm:g} mm;"
-        f" {_stabilized(site.stabilize)}{_raised(site)}"
+        f" {_stabilized(site.stabilize)}{_raised(site)}{_balanced(site)}"
     )
     return site.name, summary, ()
 
@@ -173,6 +173,14 @@ def _raised(site: BodySite) -> str:
     return (
         "; the person's word may RAISE levels, NOT recommended (harm on some modelled bodies,"
         " docs/stabilization.md)"
+    )
+
+
+def _balanced(site: BodySite) -> str:
+    if site.balance is None:
+        return ""
+    return (
+        "; frames that would leave too much direct current get BOTH phases, which feels different"
     )
 
 

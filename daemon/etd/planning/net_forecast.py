@@ -39,31 +39,41 @@ class _First(NamedTuple):
     lasting_part: float
 
 
+class NetLimit(NamedTuple):
+    """Why a frame cannot be shown for ever: the electrode that reaches its bound first and when,
+    the rate that lasts, and for how long the frame is shown as it says itself.
+    """
+
+    electrode: int
+    after_s: float
+    lasting_hz: float
+    shown_s: float
+
+
 class NetForecast:
     def __init__(self, electrodes: int, bound_pc: int, headroom: Headroom) -> None:
         self._count: Final = electrodes
         self._bound_pc: Final = bound_pc
         self._headroom: Final = headroom
 
-    def told(
+    def limit(
         self,
         frame: Frame,
         schedule: Sequence[ScheduledPulse],
         visits: float,
         states: Sequence[NetState],
-    ) -> tuple[Shortfall, ...]:
-        """What its reply says of a frame that cannot be shown for ever. `visits`: of each electrode
-        for each of the frame's periods. `states`: what is on each electrode now; empty: nothing.
-
-        Raises: Refused (`over_maximum`), where it would pass the bound as soon as in 200 ms.
+    ) -> NetLimit | None:
+        """None: these pulses can be shown for ever, whatever is left there already. `visits`: of
+        each electrode for each of the frame's periods. `states`: what is on each electrode now;
+        empty: nothing.
         """
         if not schedule:
-            return ()
+            return None
         states = states or (NetState([1.0] * self._count, [0.0] * self._count),)
         found = [self._first(schedule, visits, state) for state in states]
         firsts = [it for it in found if it is not None]
         if not firsts:
-            return ()
+            return None
         first = min(firsts, key=lambda it: it.after_s)
         fastest_hz = max(scheduled.rate_hz for scheduled in schedule)
         lasting_hz = math.floor(10 * fastest_hz * first.lasting_part) / 10
@@ -71,13 +81,22 @@ class NetForecast:
         if frame.pulses is not None:
             slowest_hz = min(scheduled.rate_hz for scheduled in schedule)
             shown_s = min(shown_s, frame.pulses / (slowest_hz * visits))
-        if first.after_s < shown_s:
-            raise self._refusal(first, lasting_hz)
+        return NetLimit(first.electrode, first.after_s, lasting_hz, shown_s)
+
+    def told(self, limit: NetLimit | None) -> tuple[Shortfall, ...]:
+        """What its reply says of a frame that cannot be shown for ever.
+
+        Raises: Refused (`over_maximum`), where it would pass the bound as soon as in 200 ms.
+        """
+        if limit is None:
+            return ()
+        if limit.after_s < limit.shown_s:
+            raise self._refusal(limit)
         told = Shortfall(
-            electrode=first.electrode,
+            electrode=limit.electrode,
             reason="net_charge",
-            lasts_ms=int(first.after_s * 1e3),
-            lasting_hz=lasting_hz,
+            lasts_ms=int(limit.after_s * 1e3),
+            lasting_hz=limit.lasting_hz,
         )
         return (told,)
 
@@ -145,15 +164,15 @@ class NetForecast:
             return 0.0
         return _LEAK_S * math.log((end_pc - left_pc) / (end_pc - room_pc))
 
-    def _refusal(self, first: _First, lasting_hz: float) -> Refused:
-        slower = f" rate_hz={lasting_hz:.1f} lasts," if lasting_hz > 0.0 else ""
+    def _refusal(self, limit: NetLimit) -> Refused:
+        slower = f" rate_hz={limit.lasting_hz:.1f} lasts," if limit.lasting_hz > 0.0 else ""
         return Refused(
             "over_maximum",
-            f"electrode {first.electrode}: after {first.after_s * 1e3:.0f} ms of this frame more"
+            f"electrode {limit.electrode}: after {limit.after_s * 1e3:.0f} ms of this frame more"
             f" than {self._bound_pc / _PC_PER_UC:g} uC of net charge would be on it, the maximum"
             " here: pulses of one polarity leave direct current, which leaks away in seconds where"
             ' it is silent. polarity="biphasic" leaves none (levels: with a calibration for it);'
             f"{slower} or show it for less long, elsewhere in between (what moves can go on), or"
             " with lower currents",
-            first.electrode,
+            limit.electrode,
         )

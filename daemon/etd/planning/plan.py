@@ -7,6 +7,7 @@ plan is refused as a whole, with the reason; nothing is left out of it silently.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,13 @@ from typing import Protocol, TypeVar
 from etd.files.body_site import SiteDefaults
 from etd.planning.calibrated import Calibrated
 from etd.planning.headroom import Headroom, PlanRules, PulseKind
-from etd.planning.net_forecast import NetForecast
+from etd.planning.net_balance import (
+    balanced_form,
+    is_to_balance,
+    not_balanced,
+    told_balanced,
+)
+from etd.planning.net_forecast import NetForecast, NetLimit
 from etd.planning.outlook import WHAT_TO_DO, Outlook
 from etd.planning.scan_rate import Counted, Groups, ScanRate
 from etd.planning.scheduled_pulse import ScheduledPulse
@@ -104,6 +111,7 @@ class Planner:
         self._net_forecast = NetForecast(
             rules.array.count, rules.maxima.net_charge_pc, self._headroom
         )
+        self._may_balance = rules.site.balance is not None
         self._outputs = rules.array.outputs()
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
@@ -138,22 +146,42 @@ class Planner:
 
         Raises: Refused. `outlook`: for the preview of clamps in the reply (None: nothing is known
         yet, all returns carry the same share).
+
+        Where the body site balances, a frame of single phases that would leave too much direct
+        current is planned with both phases instead.
         """
+        outlook = self._unknown() if outlook is None else outlook
+        plan, limit = yield from self._plan_of(frame, outlook)
+        if limit is None:
+            return plan
+        if self._may_balance and is_to_balance(frame, limit):
+            return (yield from self._with_both_phases(frame, limit, outlook))
+        return _also_told(plan, self._net_forecast.told(limit))
+
+    def _with_both_phases(self, frame: Frame, limit: NetLimit, outlook: Outlook) -> Steps[Plan]:
+        balanced = balanced_form(frame, self._defaults().polarity)
+        try:
+            plan, left = yield from self._plan_of(balanced, outlook)
+            told = self._net_forecast.told(left)
+        except Refused as refusal:
+            raise not_balanced(refusal, limit) from refusal
+        return _also_told(plan, (*told, told_balanced(limit)))
+
+    def _plan_of(self, frame: Frame, outlook: Outlook) -> Steps[tuple[Plan, NetLimit | None]]:
+        """The limit: what its net charge needs to be told, or refused."""
         schedule = yield from self._pulses(frame)
-        if outlook is None:
-            outlook = self._unknown()
         clamped = yield from self._preview(schedule, outlook)
         counted = self._cost_kinds(schedule)
         rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
         slowed = rate_hz / counted.wanted_hz * self._scan_rate.pulses
-        shortfalls += self._net_forecast.told(frame, schedule, slowed, outlook.net)
+        limit = self._net_forecast.limit(frame, schedule, slowed, outlook.net)
         if clamped:
             clamped = tuple([outlook.with_time(clamp, rate_hz) for clamp in clamped])
             if frame.strict:
                 _refuse_strict(clamped[0])
         yield
-        return Plan(
+        plan = Plan(
             frame,
             schedule,
             rate_hz,
@@ -166,6 +194,7 @@ class Planner:
             counted.wire_us,
             lower_than_calibrated(self._rules.person.calibration, frame),
         )
+        return plan, limit
 
     @property
     def chain_us(self) -> float:
@@ -397,6 +426,10 @@ class Planner:
             scheduled.probe_pc,
             outlook.felt_ua(scheduled.electrode, request.current_ua),
         )[1]
+
+
+def _also_told(plan: Plan, told: tuple[Shortfall, ...]) -> Plan:
+    return dataclasses.replace(plan, slowed=(*plan.slowed, *told))
 
 
 def _refuse_strict(clamp: Clamp) -> None:

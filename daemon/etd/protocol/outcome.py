@@ -33,7 +33,7 @@ class Clamp(msgspec.Struct, frozen=True, kw_only=True):
 
 
 ShortfallReason = Literal[
-    "ledger", "net_charge", "rate", "processor", "overrun", "resolution", "timing"
+    "ledger", "net_charge", "balanced", "rate", "processor", "overrun", "resolution", "timing"
 ]
 
 
@@ -42,6 +42,8 @@ class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
 
     `lasts_ms`: in the reply to a frame whose pulses leave direct current on this electrode: so long
     it can be shown, renewals included. At `lasting_hz` and below it could be for ever.
+    `balanced`: its pulses have both phases instead, because the direct current of one would pass
+    the bound of this electrode, as the body site says.
     """
 
     electrode: int | None
