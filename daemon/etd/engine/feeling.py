@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from etd.protocol.errors import Refused
 from etd.protocol.felt import HARDLY_ANYTHING, FeltDone, FeltFacts
 from etd.protocol.link import SayFelt
-from etd.stabilize.law_watch import LAST, LawWatch
+from etd.stabilize.law_watch import LawWatch
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import FeltOffsets, Followed
 
@@ -165,8 +165,8 @@ class Feeling:
         if self._watch.is_refuted and not self.laws_off:
             self.laws_off = (
                 "laws by resistance are off until the lease ends: of the last"
-                f" {LAST} answers where they changed the strength, {self._watch.against} said the"
-                " opposite"
+                f" {self._watch.answers} answers where they changed the strength,"
+                f" {self._watch.against} said the opposite"
             )
 
     def _by_laws(self, electrode: int) -> float:
