@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine_parts import array, body_site, calibration, currents, frame, planner
+from etd.planning.net_balance import is_to_balance
+from etd.planning.net_forecast import NetLimit
 from etd.planning.outlook import Outlook
 from etd.planning.plan import Plan
 from etd.protocol.errors import Refused
@@ -87,6 +89,12 @@ def test_so_many_pulses_as_stay_within_the_bound_are_left_as_they_are() -> None:
     # Three of them are 0.7 uC, and 9.9 are there already.
     more = planner(site=BALANCES).plan(frame(**STRONG, pulses=5), left_uc(9_900.0))
     assert phases(more) == [(True, False)]
+
+
+def test_as_many_pulses_as_reach_the_bound_and_do_not_pass_it_are_left_as_they_are() -> None:
+    five = frame(**STRONG, pulses=5)
+    assert not is_to_balance(five, NetLimit(3, after_s=0.1, lasting_hz=40.0, shown_s=0.1))
+    assert is_to_balance(five, NetLimit(3, after_s=0.099, lasting_hz=40.0, shown_s=0.1))
 
 
 def test_who_asks_for_what_was_sent_or_nothing_gets_no_other_pulses() -> None:

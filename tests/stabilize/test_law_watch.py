@@ -94,6 +94,7 @@ def test_it_is_the_most_that_any_of_the_last_answers_say(answers: str) -> None:
 
 
 def test_within_half_a_minute_the_last_word_counts() -> None:
+    assert SAME_WORD_NS == 30_000_000_000
     watch = LawWatch()
     for minute in range(4):
         watch.hear("good", 1.5, MINUTE_NS * minute)

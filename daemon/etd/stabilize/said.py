@@ -66,54 +66,66 @@ Followed = Literal["lowered", "gives_back", "raises", "nothing"]
 
 
 class _Insisting:
-    """What the last *too strong* about the same took, when it was said, and whether the lease's
-    holder has said something else since.
+    """The last *too strong* about the same: when it was said, what it took, and until when it is
+    insisted on by saying it again.
     """
 
-    __slots__ = ("_is_contradicted", "_said_ns", "_took")
+    __slots__ = ("_last",)
 
     def __init__(self) -> None:
-        self._took = 0.0
-        self._said_ns: int | None = None
-        self._is_contradicted = False
+        self._last: tuple[int, float, int] | None = None
 
     def takes(self, first: float, now_ns: int) -> float:
         """The part of the current that one takes now: `first`, or more."""
-        self._took = min(max(first, self._insisted(now_ns)), MOST_LOWERED_BY)
-        self._said_ns, self._is_contradicted = now_ns, False
-        return self._took
+        took = min(max(first, self._insisted(now_ns)), MOST_LOWERED_BY)
+        self._last = now_ns, took, now_ns + AGAIN_NS
+        return took
 
     def _insisted(self, now_ns: int) -> float:
         """What it takes because it is said again. At once it is no error any more."""
-        since_ns = math.inf if self._said_ns is None else now_ns - self._said_ns
-        if since_ns <= AT_ONCE_NS:
-            return AT_ONCE_TIMES * max(self._took, LOWERED_BY)
-        within_minutes = since_ns <= AGAIN_NS and not self._is_contradicted
-        return AGAIN_TIMES * self._took if within_minutes else 0.0
+        if self._last is None:
+            return 0.0
+        said_ns, took, until_ns = self._last
+        if now_ns - said_ns <= AT_ONCE_NS:
+            return AT_ONCE_TIMES * max(took, LOWERED_BY)
+        return AGAIN_TIMES * took if now_ns <= until_ns else 0.0
 
     def contradict(self) -> None:
         """*Good* or *too weak*: the next *too strong* is a first one, unless it comes at once, as
         that of a wearer who presses while a program says something else.
         """
-        self._is_contradicted = True
+        if self._last is not None:
+            said_ns, took, _ = self._last
+            self._last = said_ns, took, said_ns
+
+
+class _Rise:
+    """What the last word lets an electrode rise: to the offset `target`, by `left` at most, before
+    `until_ns`.
+    """
+
+    __slots__ = ("left", "target", "until_ns")
+
+    def __init__(self, target: float, now_ns: int) -> None:
+        self.target: Final = target
+        self.until_ns: Final = now_ns + LETS_RISE_NS
+        self.left = _RISE_LOG
+
+    def by(self, offset: float) -> float:
+        """From there."""
+        return min(self.target - offset, self.left)
 
 
 class _Electrode:
-    """`offset`: the logarithm of its factor; `target`: how far it may rise until `until_ns`, and
-    `left`: by how much the last word still lets it; `rises`: what took of the room of the last
-    minute, when, and how much. `has_weak`: the lease's holder has said *too weak* of it.
+    """`offset`: the logarithm of its factor; `rises`: what took of the room of the last minute,
+    when, and how much. `has_weak`: the lease's holder has said *too weak* of it.
     """
 
-    __slots__ = (
-        *("fired_ns", "has_weak", "insisting", "left", "offset", "own", "rises", "target"),
-        "until_ns",
-    )
+    __slots__ = ("fired_ns", "has_weak", "insisting", "offset", "own", "rise", "rises")
 
     def __init__(self) -> None:
         self.offset = 0.0
-        self.target = 0.0
-        self.left = 0.0
-        self.until_ns = 0
+        self.rise: _Rise | None = None
         self.rises: tuple[tuple[int, float], ...] = ()
         self.has_weak = False
         self.fired_ns: int | None = None
@@ -125,7 +137,7 @@ class _Electrode:
 
     def waits_ns(self, now_ns: int) -> int | None:
         """Until there is room for what the last word lets it rise; None: it rises no more."""
-        if self.target - self.offset <= _LEAST_LOG or self.left <= _LEAST_LOG or not self.rises:
+        if self.rise is None or self.rise.by(self.offset) <= _LEAST_LOG:
             return None
         return self.rises[0][0] + MINUTE_NS - now_ns
 
@@ -137,23 +149,22 @@ class _Electrode:
         if self.was_felt(now_ns):
             self._rise(now_ns)
         else:
-            self.offset = self.target = min(self.offset, 0.0)
+            self.offset, self.rise = min(self.offset, 0.0), None
         self.fired_ns = now_ns
 
     def _rise(self, now_ns: int) -> None:
-        if self.offset >= self.target or now_ns >= self.until_ns:
+        if self.rise is None or now_ns >= self.rise.until_ns:
             return
         self.rises = tuple([rise for rise in self.rises if now_ns - rise[0] < MINUTE_NS])
         room = _RISE_LOG - sum([by for _, by in self.rises])
-        by = min(self.target - self.offset, room, self.left)
+        by = min(self.rise.by(self.offset), room)
         if by > _LEAST_LOG:
             self.offset += by
-            self.left -= by
+            self.rise.left -= by
             self.rises = (*self.rises, (now_ns, by))
 
     def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool, may_raise: bool) -> float:
-        """Down where it may go down, and up as far as there is room. Returns where it was."""
-        before = self.offset
+        """Down where it may go down, and up as far as there is room. Returns how far it may."""
         if wanted < 0.0 and self.offset >= -BAND:
             wanted = 0.0
         least = self.offset if is_weak else min(self.offset, 0.0)
@@ -162,14 +173,14 @@ class _Electrode:
         most = _MOST_LOG if self.has_weak and may_raise else 0.0
         wanted = min(max(wanted, least), most)
         self.offset = min(self.offset, wanted)
-        self.target, self.until_ns = wanted, now_ns + LETS_RISE_NS
-        self.left = _RISE_LOG
+        self.rise = _Rise(wanted, now_ns)
         self._rise(now_ns)
-        return before
+        return wanted
 
     def lower_by(self, step: float, now_ns: int) -> None:
         """At once; and nothing rises until the next word, or within a minute."""
-        self.offset = self.target = self.offset - step
+        self.offset -= step
+        self.rise = None
         self.rises = ((now_ns, _RISE_LOG),)
 
 
@@ -265,15 +276,16 @@ class FeltOffsets:
         felt = [each for each in self._those(electrodes) if each.was_felt(now_ns)]
         is_lowered, rising = False, []
         for electrode in felt:
-            before = electrode.let_go_to(
+            before = electrode.offset
+            target = electrode.let_go_to(
                 self._wanted(electrode, now_ns),
                 now_ns,
                 is_weak=answer == "too_weak",
                 may_raise=self._may_raise,
             )
             is_lowered = is_lowered or electrode.offset < before
-            if electrode.target > before:
-                rising.append(electrode.target)
+            if target > before:
+                rising.append(target)
         if is_lowered:
             return "lowered"
         if not rising:
