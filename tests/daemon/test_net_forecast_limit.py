@@ -1,0 +1,190 @@
+"""Why a frame cannot be shown for ever, against a circuit that shares each pulse by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from engine_parts import array, body_site, board_file, frame, planner
+from etd.planning.headroom import Headroom, PlanRules
+from etd.planning.net_forecast import NetForecast, NetLimit
+from etd.planning.scheduled_pulse import ScheduledPulse
+from etd.protocol.errors import Refused
+from etd.protocol.frame import Polarity
+from etd.safety.limits import PersonLimits
+from etd.safety.maxima import maxima_of
+from etd.safety.net_charge import NetState
+
+N = 16
+BOUND_UC = 10.0
+RATES_HZ = (60.0, 45.0, 20.0)
+
+
+def forecast(bound_uc: float = BOUND_UC) -> NetForecast:
+    maxima = maxima_of(board_file(), body_site())
+    person = PersonLimits((3_000,) * N, maxima.width_us, maxima.width_us, None)
+    rules = PlanRules(array(), body_site(), maxima, person, 10_000 / 4_095)
+    return NetForecast(N, int(bound_uc * 1e6), Headroom(rules))
+
+
+def direct_ua(
+    schedule: Sequence[ScheduledPulse], visits: float, conducts_s: Sequence[float]
+) -> list[float]:
+    """What each electrode gets in the mean, pulse by pulse and return by return."""
+    found = [0.0] * N
+    for pulse in schedule:
+        way = 0 if len(pulse.phases) == 2 else 1 if pulse.phases[0] else -1
+        mean_ua = way * pulse.current_ua * pulse.width_us * 1e-6 * pulse.rate_hz * visits
+        others = [at for at in range(N) if at != pulse.electrode]
+        returns = others if pulse.returns is None else list(pulse.returns)
+        whole_s = sum(conducts_s[at] for at in returns)
+        found[pulse.electrode] += mean_ua
+        for at in returns:
+            found[at] -= mean_ua * conducts_s[at] / whole_s
+    return found
+
+
+def until_s(current_ua: float, left_uc: float, scan_uc: float) -> float:
+    """By Euler's way, in steps of a ten-thousandth; infinite: it never gets there."""
+    way = math.copysign(1.0, current_ua)
+    left, room = way * left_uc, BOUND_UC - scan_uc
+    if abs(current_ua) <= room:
+        return math.inf
+    at_s = 0.0
+    while left < room:
+        left += (abs(current_ua) - left) * 1e-4
+        at_s += 1e-4
+    return at_s
+
+
+currents = st.lists(st.sampled_from([0, 0, 0, 900, 1_600, 2_400]), min_size=N, max_size=N)
+ways = st.lists(st.sampled_from(["anodic", "cathodic", "biphasic"]), min_size=N, max_size=N)
+rates = st.lists(st.sampled_from(RATES_HZ), min_size=N, max_size=N)
+conductances = st.lists(st.sampled_from([1.0, 1.0, 5.0, 30.0]), min_size=N, max_size=N)
+left = st.lists(st.floats(-9.0, 9.0), min_size=N, max_size=N)
+NAMED = tuple(((at + 1) % N, (at + 5) % N) for at in range(N))
+TWO = [2_400 if at in (3, 9) else 0 for at in range(N)]
+FAST_AND_SLOW = [20.0 if at == 3 else 60.0 for at in range(N)]
+EVEN = [1.0] * N
+
+
+@settings(max_examples=150)
+@given(currents, ways, rates, conductances, left, st.booleans(), st.sampled_from([1.0, 2.0]))
+@example(TWO, ["anodic"] * N, FAST_AND_SLOW, EVEN, [0.0] * N, False, 1.0)
+@example(TWO, ["anodic"] * N, FAST_AND_SLOW, [30.0, *EVEN[1:]], [-9.0] * N, True, 2.0)
+def test_the_first_electrode_at_its_bound_when_and_the_rate_that_lasts(
+    wanted_ua: list[int],
+    polarity: list[Polarity],
+    rate_hz: list[float],
+    conducts_s: list[float],
+    left_uc: list[float],
+    is_named: bool,
+    visits: float,
+) -> None:
+    asked = frame(
+        current_ua=tuple(wanted_ua),
+        polarity=tuple(polarity),
+        rate_hz=tuple(rate_hz),
+        width_us=100,
+        returns=NAMED if is_named else None,
+        allow_slower=True,
+        pulses=1,
+    )
+    schedule = planner().plan(asked).schedule
+    state = NetState(conducts_s, [one * 1e6 for one in left_uc])
+    limit = forecast().limit(asked, schedule, visits, [state])
+    fastest_hz = max([pulse.rate_hz for pulse in schedule], default=1.0)
+    once_uc = {
+        pulse.electrode: pulse.current_ua * pulse.width_us * 1e-6
+        for pulse in schedule
+        if len(pulse.phases) == 1
+    }
+    expected: dict[int, tuple[float, float]] = {}
+    for at, mean_ua in enumerate(direct_ua(schedule, visits, conducts_s)):
+        scan_uc = max(once_uc.get(at, 0.0), abs(mean_ua) / (fastest_hz * visits))
+        after_s = until_s(mean_ua, left_uc[at], scan_uc)
+        if after_s < math.inf:
+            expected[at] = after_s, fastest_hz * (BOUND_UC - scan_uc) / abs(mean_ua)
+    if not expected:
+        assert limit is None
+        return
+    assert limit is not None
+    first_s = min(after_s for after_s, _ in expected.values())
+    after_s, lasting_hz = expected[limit.electrode]
+    assert after_s == pytest.approx(first_s, abs=0.003)
+    assert limit.after_s == pytest.approx(after_s, rel=0.01, abs=0.003)
+    assert lasting_hz - 0.11 <= limit.lasting_hz <= lasting_hz + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("asked", "visits", "shown_s"),
+    [
+        ({"ttl_ms": 50}, 1.0, 0.05),
+        ({"ttl_ms": 1_000}, 1.0, 0.2),
+        ({"ttl_ms": 200, "pulses": 6}, 1.0, 0.1),
+        ({"ttl_ms": 200, "pulses": 6}, 2.0, 0.05),
+        ({"ttl_ms": 200, "pulses": 600}, 1.0, 0.2),
+        ({"ttl_ms": 200, "pulses": 3, "rate_hz": tuple(FAST_AND_SLOW)}, 1.0, 0.15),
+    ],
+)
+def test_how_long_a_frame_is_shown_as_it_says_itself(
+    asked: dict[str, object], visits: float, shown_s: float
+) -> None:
+    """Two electrodes; of six pulses at 60 Hz the last comes after a tenth of a second, and where
+    one has 20 Hz three take 150 ms.
+    """
+    made = frame(**{"current_ua": tuple(TWO), "width_us": 100, "rate_hz": 60.0, **asked})
+    schedule = planner().plan(made).schedule
+    limit = forecast(2.0).limit(made, schedule, visits, ())
+    assert limit is not None
+    assert limit.shown_s == pytest.approx(shown_s, rel=1e-9)
+
+
+def test_nothing_is_left_where_no_account_says_what_is() -> None:
+    made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    even = forecast().limit(made, schedule, 1.0, [NetState([1.0] * N, [0.0] * N)])
+    assert forecast().limit(made, schedule, 1.0, ()) == even
+    assert even is not None
+    assert forecast().limit(frame(current_ua=(0,) * N), (), 1.0, ()) is None
+
+
+def test_the_account_by_which_the_bound_comes_first_counts() -> None:
+    made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    empty, filled = (
+        NetState([1.0] * N, [uc * 1e6 if at == 3 else 0.0 for at in range(N)]) for uc in (0.0, 5.0)
+    )
+    for both in ((empty, filled), (filled, empty)):
+        assert forecast().limit(made, schedule, 1.0, both) == forecast().limit(
+            *(made, schedule, 1.0, [filled])
+        )
+
+
+def test_what_would_be_reached_as_it_ends_is_shown_and_told() -> None:
+    (told,) = forecast().told(NetLimit(3, after_s=0.2, lasting_hz=41.5, shown_s=0.2))
+    assert (told.electrode, told.lasts_ms, told.lasting_hz) == (3, 200, 41.5)
+    assert forecast().told(None) == ()
+
+
+def test_a_refusal_names_the_time_the_bound_and_a_rate_only_where_one_lasts() -> None:
+    with pytest.raises(Refused) as refused:
+        forecast().told(NetLimit(3, after_s=0.1994, lasting_hz=41.5, shown_s=0.2))
+    assert "electrode 3: after 199 ms of this frame more than 10 uC" in refused.value.reason
+    assert " rate_hz=41.5 lasts, or show it for less long" in refused.value.reason
+    for lasting_hz, is_named in ((0.0, False), (0.1, True)):
+        with pytest.raises(Refused) as refused:
+            forecast().told(NetLimit(3, after_s=0.0, lasting_hz=lasting_hz, shown_s=0.2))
+        assert ("rate_hz=" in refused.value.reason) == is_named
+
+
+def test_a_pulse_that_is_more_than_the_bound_has_no_rate_that_lasts() -> None:
+    made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    limit = forecast(0.2).limit(made, schedule, 1.0, ())
+    assert limit is not None
+    assert (limit.after_s, limit.lasting_hz) == (0.0, 0.0)
