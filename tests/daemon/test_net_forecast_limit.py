@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from engine_parts import array, body_site, board_file, frame, planner
+from engine_parts import array, board_file, body_site, frame, planner
 from etd.planning.headroom import Headroom, PlanRules
 from etd.planning.net_forecast import NetForecast, NetLimit
 from etd.planning.scheduled_pulse import ScheduledPulse
