@@ -119,6 +119,15 @@ def test_it_is_told_where_the_persons_word_may_raise(tmp_path: Path) -> None:
     )
 
 
+def test_it_is_told_where_frames_get_both_phases(tmp_path: Path) -> None:
+    site = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")
+    assert "BOTH phases" not in check_file(write(tmp_path, "a.toml", site)).summary
+    balances = site.replace("felt_may_raise", 'balance = "biphasic"\nfelt_may_raise')
+    assert "get BOTH phases" in check_file(write(tmp_path, "b.toml", balances)).summary
+    spoiled_site = site.replace("felt_may_raise", "balance = true\nfelt_may_raise")
+    assert "balance" in str(check_file(write(tmp_path, "c.toml", spoiled_site)).error)
+
+
 def test_a_byte_order_mark_before_the_text_does_not_hide_the_kind(tmp_path: Path) -> None:
     assert check_file(write(tmp_path, "something", "\ufeff" + PATTERN)).kind == "pattern"
 

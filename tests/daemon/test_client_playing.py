@@ -9,12 +9,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from etd import AsyncDisplay, Display, Pattern, PatternError, PatternFrame, Refused
 from etd.client import clock
 from etd.protocol.link import Answer, Command, NewFrame, Report
 from etd.protocol.messages import Fired, Halt, Scan, Shown, StateReport
+from etd.protocol.outcome import Shortfall
 from gateway_rig import ServedRig
 from scripted_engine import full_answer
 from stepped_daemon import SteppedDaemon, SteppedDisplay
@@ -284,6 +286,23 @@ def test_a_file_or_a_pattern_is_played_and_falls_silent(rig: ServedRig, tmp_path
         for pattern in (FOUR, path, str(path)):
             assert display.play(pattern, **CURRENTS).frames == 2
     assert currents_of(rig) == SENT * 3
+
+
+def test_pulses_that_get_both_phases_are_told_once(rig: ServedRig) -> None:
+    report = reporting(rig)
+
+    def balanced(message: Command | NewFrame) -> Answer:
+        answer = report(message)
+        if not isinstance(message, NewFrame):
+            return answer
+        return msgspec.structs.replace(answer, slowed=(Shortfall(electrode=0, reason="balanced"),))
+
+    rig.engine.answer = balanced
+    with Display(address=rig.address, **LIMITS) as display:
+        display.arm()
+        (told,) = display.play(FOUR, **CURRENTS).told
+    assert "both phases" in told
+    assert "name a polarity" in told
 
 
 def test_control_c_ends_it_silent(rig: ServedRig) -> None:

@@ -102,6 +102,10 @@ def soft_start(allowed_ua: int) -> Clamp:
             {"not_fired": (Shortfall(electrode=None, reason="rate", rate_hz=20.0),)},
             "slowed to 20.0 Hz (rate)",
         ),
+        (
+            {"not_fired": (Shortfall(electrode=0, reason="balanced"),)},
+            "electrode 0: all pulses had both phases",
+        ),
         ({"pulses": (0, 0, 0, 0), "first_ns": None}, "electrode 0: no pulse was fired"),
         ({"ended": "silenced"}, "it was silenced"),
     ],

@@ -10,8 +10,9 @@ import msgspec
 import pytest
 
 from charge_witness import even_skin
-from engine_rig import EngineRig
-from engine_scenes import config, fully_open, only, phases, shortfalls
+from engine_rig import LEASE, EngineRig
+from engine_scenes import config, fully_open, only, phases, shortfalls, states
+from etd.protocol.link import AskAccount
 from etd_body.electrode import Contact, load
 from net_witness import NetWitness
 
@@ -95,6 +96,19 @@ def test_a_site_that_balances_shows_for_ever_what_would_pass_the_bound(make_rig:
     assert len(ways) > 100
     assert ways == [True, False] * (len(ways) // 2)
     assert shortfalls(rig) == []
+    rig.run_ms(1_100)
+    # The first one was replaced before its scan began.
+    assert states(rig)[-1].counters["balanced"] == 30
+
+
+def test_the_account_of_what_was_balanced_tells_it(make_rig: MakeRig) -> None:
+    rig, _ = rig_and_left(make_rig, balance="biphasic")
+    answer = rig.show(ttl_ms=200, account=True, **{**STRONG, "rate_hz": 50.0})
+    assert answer.error is None
+    rig.run_ms(400)
+    account = rig.ask(AskAccount, lease=LEASE, seq=rig.last_seq).account
+    assert account is not None
+    assert [(it.electrode, it.reason) for it in account.not_fired] == [(3, "balanced")]
 
 
 #: Of 27 uA at three others electrode 3 carries 19 back; an even part would be 1.8.

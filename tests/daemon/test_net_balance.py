@@ -1,25 +1,47 @@
-"""A frame of single phases on a body site that balances: what is planned, and what is told."""
+"""Both phases in place of one, on a body site that balances: what is planned, and what is told."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Sequence
+from typing import Any
+
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from engine_parts import array, body_site, calibration, currents, frame, planner
-from etd.planning.net_balance import is_to_balance
+from engine_parts import (
+    TIMING,
+    AnySelector,
+    array,
+    board_file,
+    body_site,
+    calibration,
+    currents,
+    frame,
+    machine_file,
+    planner,
+)
+from etd.files.body_site import BodySite
+from etd.planning.headroom import PlanRules
+from etd.planning.net_balance import NetBalance
 from etd.planning.net_forecast import NetLimit
 from etd.planning.outlook import Outlook
-from etd.planning.plan import Plan
+from etd.planning.plan import Plan, Planner
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.errors import Refused
-from etd.protocol.frame import PHASES, Frame, Polarity
+from etd.protocol.frame import Polarity
+from etd.safety.limits import PersonLimits, limits_of_calibrations
+from etd.safety.maxima import maxima_of
 from etd.safety.net_charge import NetState
+from etd_hal.cost import CostModel, FiledComputing
 
 N = 16
 BALANCES = msgspec.structs.replace(body_site(), balance="biphasic")
 #: 2.4 mA, 100 us, 60 times a second: the bound is reached after 1.1 s.
-STRONG = {"current_ua": currents(e3=2_400), "width_us": 100, "rate_hz": 60.0}
+STRONG: dict[str, Any] = {"current_ua": currents(e3=2_400), "width_us": 100, "rate_hz": 60.0}
+LIMIT = NetLimit(3, after_s=0.1, lasting_hz=40.0, shown_s=0.1)
 
 
 def told(plan: Plan) -> list[tuple[int | None, str]]:
@@ -30,20 +52,47 @@ def phases(plan: Plan) -> list[tuple[bool, ...]]:
     return [scheduled.phases for scheduled in plan.schedule]
 
 
-def left_uc(nc: float) -> Outlook:
-    """So much is on electrode 3."""
-    on = [nc * 1e3 if electrode == 3 else 0.0 for electrode in range(N)]
-    return Outlook(lambda path: path, 3_000, {}, [True] * N, net=[NetState([1.0] * N, on)])
+def outlook(left_nc: Sequence[float], conducts_s: Sequence[float] = (1.0,) * N) -> Outlook:
+    """By one account."""
+    net = [NetState(list(conducts_s), [one * 1e3 for one in left_nc])]
+    return Outlook(lambda path: path, 3_000, {}, [True] * N, net=net)
+
+
+def on_3(nc: float) -> Outlook:
+    return outlook([nc if electrode == 3 else 0.0 for electrode in range(N)])
+
+
+def calibrated(polarity: Polarity, comfortable_ua: int = 2_400) -> Calibration:
+    limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=comfortable_ua, cap_ua=3_000)
+    return calibration(electrode=(limits,) * N, polarity=polarity)
+
+
+def planner_for(*calibrations: Calibration, site: BodySite = BALANCES) -> Planner:
+    """For a person with these."""
+    maxima, layout = maxima_of(board_file(), site), array()
+    person = limits_of_calibrations(calibrations, maxima, layout.name, N, site.name)
+    return Planner(
+        AnySelector(),
+        PlanRules(layout, site, maxima, person, 10_000 / 4_095),
+        CostModel(board_file(), machine_file(), TIMING, FiledComputing(60.0)),
+    )
+
+
+LEVELS = tuple(1.0 if electrode == 3 else 0.0 for electrode in range(N))
+
+
+# --- which frames ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("polarity", "both"),
-    [("anodic", (True, False)), ("cathodic", (False, True)), (None, (True, False))],
+    ("default", "both"), [("anodic", (True, False)), ("cathodic", (False, True))]
 )
 def test_what_could_not_stand_gets_both_phases_its_own_first_and_is_told(
-    polarity: Polarity | None, both: tuple[bool, ...]
+    default: Polarity, both: tuple[bool, ...]
 ) -> None:
-    plan = planner(site=BALANCES).plan(frame(**STRONG, polarity=polarity))
+    defaults = msgspec.structs.replace(BALANCES.defaults, polarity=default)
+    site = msgspec.structs.replace(BALANCES, defaults=defaults)
+    plan = planner(site=site).plan(frame(**STRONG))
     assert phases(plan) == [both]
     assert told(plan) == [(3, "balanced")]
 
@@ -61,40 +110,14 @@ def test_what_can_stand_is_left_as_it_is() -> None:
     assert told(plan) == []
 
 
-@pytest.mark.parametrize("nc", [-9_000.0, 0.0, 9_900.0])
-def test_what_was_left_before_decides_nothing(nc: float) -> None:
-    """A frame that is renewed is felt the same all the time."""
+@pytest.mark.parametrize("asked", ["anodic", ("anodic",) * N])
+def test_who_names_a_polarity_gets_that_one(asked: Polarity | tuple[Polarity, ...]) -> None:
     made = planner(site=BALANCES)
-    assert phases(made.plan(frame(**STRONG), left_uc(nc))) == [(True, False)]
-    weak = frame(current_ua=currents(e3=800), width_us=100, rate_hz=60.0)
-    assert phases(made.plan(weak, left_uc(min(nc, 9_000.0)))) == [(True,)]
-
-
-def test_of_a_mixed_frame_all_single_phases_get_the_other_one() -> None:
-    plan = planner(site=BALANCES).plan(
-        frame(
-            current_ua=currents(e3=2_400, e4=500, e5=500),
-            polarity=tuple("cathodic" if it == 4 else "anodic" for it in range(N)),
-            width_us=100,
-            rate_hz=50.0,
-        )
-    )
-    by = {scheduled.electrode: scheduled.phases for scheduled in plan.schedule}
-    assert by == {3: (True, False), 4: (False, True), 5: (True, False)}
-
-
-def test_so_many_pulses_as_stay_within_the_bound_are_left_as_they_are() -> None:
-    few = planner(site=BALANCES).plan(frame(**STRONG, pulses=5))
-    assert phases(few) == [(True,)]
-    # Three of them are 0.7 uC, and 9.9 are there already.
-    more = planner(site=BALANCES).plan(frame(**STRONG, pulses=5), left_uc(9_900.0))
-    assert phases(more) == [(True, False)]
-
-
-def test_as_many_pulses_as_reach_the_bound_and_do_not_pass_it_are_left_as_they_are() -> None:
-    five = frame(**STRONG, pulses=5)
-    assert not is_to_balance(five, NetLimit(3, after_s=0.1, lasting_hz=40.0, shown_s=0.1))
-    assert is_to_balance(five, NetLimit(3, after_s=0.099, lasting_hz=40.0, shown_s=0.1))
+    plan = made.plan(frame(**STRONG, polarity=asked))
+    assert phases(plan) == [(True,)]
+    assert told(plan) == [(3, "net_charge")]
+    with pytest.raises(Refused, match=r"with lower currents \(over_maximum\)$"):
+        made.plan(frame(**STRONG, polarity=asked), on_3(9_900.0))
 
 
 def test_who_asks_for_what_was_sent_or_nothing_gets_no_other_pulses() -> None:
@@ -103,54 +126,139 @@ def test_who_asks_for_what_was_sent_or_nothing_gets_no_other_pulses() -> None:
     assert phases(plan) == [(True,)]
     assert told(plan) == [(3, "net_charge")]
     with pytest.raises(Refused, match="net charge would be on it"):
-        made.plan(frame(**STRONG, strict=True), left_uc(9_900.0))
+        made.plan(frame(**STRONG, strict=True), on_3(9_900.0))
 
 
-def test_levels_need_a_calibration_for_both_phases() -> None:
-    made = calibration(N, width_us=100, rate_hz=60.0, polarity="anodic")
-    levels = tuple(1.0 if electrode == 3 else 0.0 for electrode in range(N))
-    limits = made.electrode[3]
-    strong = msgspec.structs.replace(limits, comfortable_ua=2_400)
-    made = msgspec.structs.replace(
-        made, electrode=tuple(strong if it == 3 else limits for it in range(N))
+def test_so_many_pulses_as_stay_within_the_bound_are_left_as_they_are() -> None:
+    """However much is left of others: they are refused then, and not felt otherwise."""
+    made = planner(site=BALANCES)
+    assert phases(made.plan(frame(**STRONG, pulses=5))) == [(True,)]
+    with pytest.raises(Refused, match="net charge would be on it"):
+        made.plan(frame(**STRONG, pulses=5), on_3(9_900.0))
+    less = msgspec.structs.replace(
+        BALANCES, maxima=msgspec.structs.replace(BALANCES.maxima, net_charge_nc=600)
     )
-    with pytest.raises(Refused) as refused:
-        planner(site=BALANCES, calibrated=made).plan(frame(level=levels))
-    assert refused.value.code == "bad_frame"
-    assert "so it gets both phases" in refused.value.reason
-    assert "calibrated to with polarity anodic" in refused.value.reason
+    assert phases(planner(site=less).plan(frame(**STRONG, pulses=5))) == [(True, False)]
 
 
-def test_a_rate_without_room_for_both_phases_is_refused_with_the_rate_that_has() -> None:
-    """60 of 64, whose current the other four carry back: of one phase it lasts for 6 s."""
-    many = {"current_ua": (*(4 * (0,)), *(60 * (2_700,))), "rate_hz": 38.0, "width_us": 100}
-    layout = array("grid-8x8")
-    assert told(planner(layout=layout).plan(frame(**many))) == [(0, "net_charge")]
-    with pytest.raises(Refused) as refused:
-        planner(site=BALANCES, layout=layout).plan(frame(**many))
-    assert refused.value.code == "too_fast"
-    assert refused.value.achievable_hz == pytest.approx(35.6, abs=0.1)
-    assert refused.value.bound_by == "wire"
-    assert "so it gets both phases" in refused.value.reason
+def test_as_many_pulses_as_reach_the_bound_and_do_not_pass_it_are_left_as_they_are() -> None:
+    balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, None))
+    five = frame(**STRONG, pulses=5)
+    assert balance.form_of(five, LIMIT, "anodic") is None
+    more = LIMIT._replace(after_s=0.099)
+    both = balance.form_of(five, more, "anodic")
+    assert both is not None
+    assert (both.polarity, both.pulses) == ("biphasic", 5)
 
 
-@settings(max_examples=60)
-@given(
-    st.lists(st.sampled_from([0, 0, 500, 1_500, 2_500]), min_size=N, max_size=N).filter(any),
-    st.lists(st.sampled_from(list(PHASES)), min_size=N, max_size=N),
-    st.floats(-9_000.0, 9_000.0),
-)
-def test_no_frame_on_such_a_site_leaves_more_than_the_bound_for_ever(
-    wanted_ua: list[int], polarity: list[Polarity], nc: float
+def test_what_has_both_phases_by_default_is_left_as_it_is() -> None:
+    """Its probes may leave something."""
+    balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, None))
+    for polarity in ("biphasic", "biphasic_cathodic_first"):
+        assert balance.form_of(frame(**STRONG), LIMIT, polarity) is None
+
+
+def test_what_the_probes_of_balanced_pulses_leave_is_told() -> None:
+    """15 nC of one way, 60 times a second, where the site has a bound of 0.5 uC."""
+    site = msgspec.structs.replace(
+        BALANCES,
+        maxima=msgspec.structs.replace(BALANCES.maxima, net_charge_nc=500),
+        stabilize=msgspec.structs.replace(BALANCES.stabilize, probe_first=True),
+    )
+    plan = planner(site=site).plan(frame(**STRONG))
+    assert phases(plan) == [(True, False)]
+    assert told(plan) == [(3, "net_charge"), (3, "balanced")]
+
+
+# --- the same all the time ------------------------------------------------------------------------
+
+wanted = st.lists(st.sampled_from([0, 0, 900, 1_711, 1_793, 2_010]), min_size=N, max_size=N)
+conductances = st.lists(st.sampled_from([1.0, 1.3, 4.0, 9.0]), min_size=N, max_size=N)
+left = st.lists(st.floats(-9_000.0, 9_000.0), min_size=N, max_size=N)
+
+
+@settings(max_examples=100)
+@given(wanted.filter(any), conductances, left)
+@example([1_793 if at % 2 else 0 for at in range(N)], [9.0, *[1.0] * (N - 1)], [0.0] * N)
+def test_neither_what_is_left_nor_what_conducts_how_well_decides(
+    wanted_ua: list[int], conducts_s: list[float], left_nc: list[float]
 ) -> None:
-    asked: Frame = frame(
-        current_ua=tuple(wanted_ua),
-        polarity=tuple(polarity),
-        width_us=100,
-        rate_hz=60.0,
-        allow_slower=True,
+    """A frame that is renewed is felt the same all the time, or it is refused."""
+    asked = frame(current_ua=tuple(wanted_ua), width_us=100, rate_hz=60.0, allow_slower=True)
+    made = planner(site=BALANCES)
+    first = made.plan(asked)
+    again: Plan | None = None
+    with contextlib.suppress(Refused):
+        again = made.plan(asked, outlook(left_nc, conducts_s))
+    if again is None:
+        assert set(phases(first)) == {(True,)}, "both phases leave nothing"
+        return
+    assert phases(again) == phases(first)
+    is_told = any(reason == "balanced" for _, reason in told(first))
+    assert is_told == (phases(first)[0] != (True,))
+
+
+# --- where both phases cannot be had --------------------------------------------------------------
+
+
+def test_both_phases_have_levels_and_caps_of_their_own_calibration() -> None:
+    made = planner_for(calibrated("anodic"), calibrated("biphasic", comfortable_ua=2_000))
+    plan = made.plan(frame(level=LEVELS))
+    assert phases(plan) == [(True, False)]
+    assert plan.schedule[0].current_ua == 2_000
+    assert told(plan) == [(3, "balanced")]
+
+
+def test_the_polarity_of_frames_that_name_none_is_that_of_the_first_calibration() -> None:
+    made = planner_for(calibrated("cathodic"), calibrated("biphasic_cathodic_first"))
+    assert phases(made.plan(frame(level=LEVELS))) == [(False, True)]
+
+
+@pytest.mark.parametrize("asked", [{"level": LEVELS}, {"current_ua": currents(e3=2_400)}])
+def test_without_a_calibration_for_both_phases_a_frame_is_as_elsewhere(
+    asked: dict[str, Any],
+) -> None:
+    """A cap was accepted for the pulses that it was found with."""
+    made = planner_for(calibrated("anodic"))
+    plan = made.plan(frame(**asked))
+    assert phases(plan) == [(True,)]
+    assert told(plan) == [(3, "net_charge")]
+    with pytest.raises(Refused) as refused:
+        made.plan(frame(**asked), on_3(9_900.0))
+    assert refused.value.code == "over_maximum"
+    assert "of net charge would be on it" in refused.value.reason
+    assert refused.value.reason.endswith(
+        ". It cannot be balanced here: there is no calibration for polarity biphasic"
     )
-    plan = planner(site=BALANCES).plan(asked, left_uc(nc))
-    assert "net_charge" not in [reason for _, reason in told(plan)]
-    is_as_asked = [PHASES[polarity[it.electrode]] for it in plan.schedule] == phases(plan)
-    assert is_as_asked == ("balanced" not in [reason for _, reason in told(plan)])
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "why"),
+    [
+        # 60 of 64, whose current the other four carry back: of one phase it lasts for 6 s.
+        (
+            "grid-8x8",
+            {"current_ua": (*(4 * (0,)), *(60 * (2_700,))), "rate_hz": 38.0},
+            "60 electrodes at 38 Hz do not fit",
+        ),
+        ("grid-4x4", {"current_ua": currents(e3=2_700), "rate_hz": 60.0}, "mean current"),
+    ],
+)
+def test_where_both_phases_do_not_fit_a_frame_is_as_elsewhere(
+    name: str, asked: dict[str, Any], why: str
+) -> None:
+    layout = array(name)
+    asked = {"width_us": 100, **asked}
+    made = planner(site=BALANCES, layout=layout)
+    plan = made.plan(frame(**asked))
+    assert set(phases(plan)) == {(True,)}
+    assert [reason for _, reason in told(plan)] == ["net_charge"]
+    full = [NetState([1.0] * layout.count, [-9.9e6 if it == 0 else 9.5e6 for it in range(64)])]
+    full = [NetState(state.conducts_s, state.left_pc[: layout.count]) for state in full]
+    with pytest.raises(Refused) as refused:
+        made.plan(
+            frame(**asked), Outlook(lambda path: path, 3_000, {}, [True] * layout.count, net=full)
+        )
+    assert refused.value.code == "over_maximum"
+    assert "It cannot be balanced here: " in refused.value.reason
+    assert why in refused.value.reason

@@ -137,8 +137,8 @@ def add_timeout_factor(parser: argparse.ArgumentParser, more: str) -> None:
         "--timeout-factor",
         type=whole(1, MAX_TIMEOUT_FACTOR),
         metavar="N",
-        help="with --board fake, on a busy machine: a frame's ttl, the lease and the gateway's"
-        f" time-out last N times as long ({more})",
+        help="with --board fake, on a busy machine: a frame's ttl, the lease, and how long gateway"
+        f" and stopper may be silent last N times as long ({more})",
     )
 
 

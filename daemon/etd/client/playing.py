@@ -32,6 +32,10 @@ _RENEW_NS = 400 * _MS
 _KEEP_NS = 300 * _MS
 #: An accepted frame starts at once, and telemetry comes 30 times a second.
 _BEGUN_WITHIN_NS = 3_000 * _MS
+_BALANCED = (
+    "pulses had both phases, since those of one would leave too much direct current (balance ="
+    ' "biphasic" in the body site): name a polarity to have that one'
+)
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,7 @@ class Playing:
         self._end_ns: int | None = None
         self._tally = _Tally()
         self._told: list[str] = []
+        self._is_balanced = False
 
     def hear(self, report: object) -> None:
         """Of the topics `scan` and `halt`."""
@@ -261,6 +266,9 @@ class Playing:
         self._kept_ns = self._now_ns()
         for shortfalls in reply.slowed:
             self._note_rate(shortfalls)
+            if shortfalls.reason == "balanced" and not self._is_balanced:
+                self._is_balanced = True
+                self.tell(_BALANCED)
             lasts_ms = shortfalls.lasts_ms
             if not is_again and lasts_ms is not None and lasts_ms < step.duration_ms:
                 raise _named(_too_long(shortfalls, step), step)

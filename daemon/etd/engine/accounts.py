@@ -113,7 +113,11 @@ class OpenAccount:
             )
             found.append(slowed)
         # How long its net charge would let it last is no pulse that was not fired.
-        planned = [told for told in self._plan.slowed if told.rate_hz is not None]
+        planned = [
+            told
+            for told in self._plan.slowed
+            if told.rate_hz is not None or told.reason == "balanced"
+        ]
         return (*planned, *found)
 
 

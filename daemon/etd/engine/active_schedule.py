@@ -133,6 +133,8 @@ class ActiveSchedule:
             frame, trigger_ns = schedule.plan.frame, schedule.trigger_ns
             account = OpenAccount(schedule.plan, now_ns, trigger_ns) if frame.account else None
             self._reporter.frame_begun(frame, now_ns, account, trigger_ns)
+            if any(told.reason == "balanced" for told in schedule.plan.slowed):
+                self._reporter.counters["balanced"] += 1
         self._reporter.scan_begun()
         schedule.begin_scan(now_ns)
         self.scanning = schedule

@@ -34,6 +34,7 @@ def engine_hello(
         shape=loaded.body_site.stabilize.shape,
         stabilizers=loaded.body_site.stabilize.order,
         felt_may_raise=loaded.body_site.felt_may_raise,
+        balance=loaded.body_site.balance,
         digests=loaded.digests,
     )
 

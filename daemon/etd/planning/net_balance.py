@@ -1,17 +1,18 @@
-"""A frame of single phases whose direct current would pass the bound, as a body site balances it.
+"""Both phases where one would leave more direct current than is allowed, if the body site says so.
 
 Owns: which frames are balanced, with which phases, and how that is told. Must not know: how direct
 current is foreseen (`net_forecast.py`), how pulses are planned.
 
-Each of its pulses gets the other phase too, the frame's own first, so a visit leaves nothing. It
-feels different from what was asked for: the body site allows that (`balance`), and the reply tells
-it. What decides is the frame and how its returns conduct, not what was left before: one that is
-renewed is felt the same from its first pulse to its last.
+Each pulse gets the other phase too, its own first, so a visit leaves nothing. It feels different:
+so only a frame that names no polarity is balanced, the body site allows it (`balance`), a person's
+calibrations have to hold for both phases, and the reply tells it. What decides is the frame alone,
+by returns that share alike, and neither what was left before nor what conducts how well by now: one
+that is renewed is felt the same all the time.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 
@@ -19,6 +20,7 @@ from etd.planning.net_forecast import NetLimit
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame, Polarity
 from etd.protocol.outcome import Shortfall
+from etd.safety.limits import PersonLimits
 
 _BALANCED: Final[dict[Polarity, Polarity]] = {
     "anodic": "biphasic",
@@ -26,37 +28,33 @@ _BALANCED: Final[dict[Polarity, Polarity]] = {
 }
 
 
-def is_to_balance(frame: Frame, limit: NetLimit) -> bool:
-    """A frame that stands, or one of so many pulses that they pass the bound. Who asks for what was
-    sent or nothing (`strict`) gets no other pulses.
-    """
-    if frame.strict:
-        return False
-    return frame.pulses is None or limit.after_s < limit.shown_s
+class NetBalance:
+    """Of one lease, whose person it is for."""
+
+    def __init__(self, balance: Literal["biphasic"] | None, person: PersonLimits) -> None:
+        self.is_allowed: Final = balance is not None
+        #: Empty: nobody's, whose limits hold for any pulse.
+        self._calibrated: Final = {each.polarity for each in person.calibrations}
+
+    def form_of(self, frame: Frame, alone: NetLimit, default: Polarity) -> Frame | None:
+        """The frame with both phases; None: it is not balanced. `alone`: what it would leave by
+        itself; `default`: the polarity of frames that name none.
+
+        A frame that stands, or one of so many pulses that they pass the bound. Who names a polarity
+        gets that, or is refused; and so does who asks for what was sent or nothing (`strict`).
+
+        Raises: Refused, where the person has no calibration for both phases.
+        """
+        both = _BALANCED.get(default)
+        if both is None or not self.is_allowed or frame.polarity is not None or frame.strict:
+            return None
+        if frame.pulses is not None and alone.after_s >= alone.shown_s:
+            return None
+        if self._calibrated and both not in self._calibrated:
+            raise Refused("bad_calibration", f"there is no calibration for polarity {both}")
+        return msgspec.structs.replace(frame, polarity=both)
 
 
-def balanced_form(frame: Frame, default: Polarity) -> Frame:
-    """The frame with both phases. `default`: of a frame that names no polarity."""
-    asked = default if frame.polarity is None else frame.polarity
-    if isinstance(asked, tuple):
-        both: Polarity | tuple[Polarity, ...] = tuple([_BALANCED.get(it, it) for it in asked])
-    else:
-        both = _BALANCED.get(asked, asked)
-    return msgspec.structs.replace(frame, polarity=both)
-
-
-def told_balanced(limit: NetLimit) -> Shortfall:
+def told_balanced(alone: NetLimit) -> Shortfall:
     """For the reply."""
-    return Shortfall(electrode=limit.electrode, reason="balanced")
-
-
-def not_balanced(refusal: Refused, limit: NetLimit) -> Refused:
-    """Why it cannot have both phases, and that it was to have them."""
-    return Refused(
-        refusal.code,
-        f"electrode {limit.electrode} would get more net charge than is allowed if this frame"
-        f' stood, so it gets both phases (balance = "biphasic" in the body site). {refusal.reason}',
-        refusal.electrode,
-        refusal.achievable_hz,
-        refusal.bound_by,
-    )
+    return Shortfall(electrode=alone.electrode, reason="balanced")

@@ -83,15 +83,16 @@ class NetForecast:
             shown_s = min(shown_s, frame.pulses / (slowest_hz * visits))
         return NetLimit(first.electrode, first.after_s, lasting_hz, shown_s)
 
-    def told(self, limit: NetLimit | None) -> tuple[Shortfall, ...]:
-        """What its reply says of a frame that cannot be shown for ever.
+    def told(self, limit: NetLimit | None, not_balanced: str = "") -> tuple[Shortfall, ...]:
+        """What its reply says of a frame that cannot be shown for ever. `not_balanced`: why it has
+        not both phases, where the body site would have it so.
 
         Raises: Refused (`over_maximum`), where it would pass the bound as soon as in 200 ms.
         """
         if limit is None:
             return ()
         if limit.after_s < limit.shown_s:
-            raise self._refusal(limit)
+            raise self._refusal(limit, not_balanced)
         told = Shortfall(
             electrode=limit.electrode,
             reason="net_charge",
@@ -164,8 +165,9 @@ class NetForecast:
             return 0.0
         return _LEAK_S * math.log((end_pc - left_pc) / (end_pc - room_pc))
 
-    def _refusal(self, limit: NetLimit) -> Refused:
+    def _refusal(self, limit: NetLimit, not_balanced: str) -> Refused:
         slower = f" rate_hz={limit.lasting_hz:.1f} lasts," if limit.lasting_hz > 0.0 else ""
+        balance = not_balanced and f". It cannot be balanced here: {not_balanced}"
         return Refused(
             "over_maximum",
             f"electrode {limit.electrode}: after {limit.after_s * 1e3:.0f} ms of this frame more"
@@ -173,6 +175,6 @@ class NetForecast:
             " here: pulses of one polarity leave direct current, which leaks away in seconds where"
             ' it is silent. polarity="biphasic" leaves none (levels: with a calibration for it);'
             f"{slower} or show it for less long, elsewhere in between (what moves can go on), or"
-            " with lower currents",
+            f" with lower currents{balance}",
             limit.electrode,
         )

@@ -16,12 +16,7 @@ from typing import Protocol, TypeVar
 from etd.files.body_site import SiteDefaults
 from etd.planning.calibrated import Calibrated
 from etd.planning.headroom import Headroom, PlanRules, PulseKind
-from etd.planning.net_balance import (
-    balanced_form,
-    is_to_balance,
-    not_balanced,
-    told_balanced,
-)
+from etd.planning.net_balance import NetBalance, told_balanced
 from etd.planning.net_forecast import NetForecast, NetLimit
 from etd.planning.outlook import WHAT_TO_DO, Outlook
 from etd.planning.scan_rate import Counted, Groups, ScanRate
@@ -111,7 +106,7 @@ class Planner:
         self._net_forecast = NetForecast(
             rules.array.count, rules.maxima.net_charge_pc, self._headroom
         )
-        self._may_balance = rules.site.balance is not None
+        self._balance = NetBalance(rules.site.balance, rules.person)
         self._outputs = rules.array.outputs()
         self._count = rules.array.count
         caps_ua = rules.person.caps_ua
@@ -147,28 +142,28 @@ class Planner:
         Raises: Refused. `outlook`: for the preview of clamps in the reply (None: nothing is known
         yet, all returns carry the same share).
 
-        Where the body site balances, a frame of single phases that would leave too much direct
-        current is planned with both phases instead.
+        Where the body site balances, a frame that would leave too much direct current is planned
+        with both phases, if it can be.
         """
         outlook = self._unknown() if outlook is None else outlook
-        plan, limit = yield from self._plan_of(frame, outlook)
-        if limit is None:
-            return plan
-        if self._may_balance and is_to_balance(frame, limit):
-            return (yield from self._with_both_phases(frame, limit, outlook))
+        plan, limit, alone = yield from self._plan_of(frame, outlook)
+        if alone is None:
+            return _also_told(plan, self._net_forecast.told(limit))
+        try:
+            balanced = self._balance.form_of(frame, alone, self._defaults().polarity)
+            if balanced is not None:
+                both, left, _ = yield from self._plan_of(balanced, outlook)
+                return _also_told(both, (*self._net_forecast.told(left), told_balanced(alone)))
+        except Refused as refusal:
+            return _also_told(plan, self._net_forecast.told(limit, refusal.reason))
         return _also_told(plan, self._net_forecast.told(limit))
 
-    def _with_both_phases(self, frame: Frame, limit: NetLimit, outlook: Outlook) -> Steps[Plan]:
-        balanced = balanced_form(frame, self._defaults().polarity)
-        try:
-            plan, left = yield from self._plan_of(balanced, outlook)
-            told = self._net_forecast.told(left)
-        except Refused as refusal:
-            raise not_balanced(refusal, limit) from refusal
-        return _also_told(plan, (*told, told_balanced(limit)))
-
-    def _plan_of(self, frame: Frame, outlook: Outlook) -> Steps[tuple[Plan, NetLimit | None]]:
-        """The limit: what its net charge needs to be told, or refused."""
+    def _plan_of(
+        self, frame: Frame, outlook: Outlook
+    ) -> Steps[tuple[Plan, NetLimit | None, NetLimit | None]]:
+        """The limits: what its net charge needs to be told, or refused; and, where the body site
+        balances, what the frame by itself would leave, however returns conduct.
+        """
         schedule = yield from self._pulses(frame)
         clamped = yield from self._preview(schedule, outlook)
         counted = self._cost_kinds(schedule)
@@ -176,6 +171,9 @@ class Planner:
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
         slowed = rate_hz / counted.wanted_hz * self._scan_rate.pulses
         limit = self._net_forecast.limit(frame, schedule, slowed, outlook.net)
+        alone = None
+        if self._balance.is_allowed:
+            alone = self._net_forecast.limit(frame, schedule, slowed, ())
         if clamped:
             clamped = tuple([outlook.with_time(clamp, rate_hz) for clamp in clamped])
             if frame.strict:
@@ -194,7 +192,7 @@ class Planner:
             counted.wire_us,
             lower_than_calibrated(self._rules.person.calibration, frame),
         )
-        return plan, limit
+        return plan, limit, alone
 
     @property
     def chain_us(self) -> float:
@@ -429,7 +427,7 @@ class Planner:
 
 
 def _also_told(plan: Plan, told: tuple[Shortfall, ...]) -> Plan:
-    return dataclasses.replace(plan, slowed=(*plan.slowed, *told))
+    return dataclasses.replace(plan, slowed=(*plan.slowed, *told)) if told else plan
 
 
 def _refuse_strict(clamp: Clamp) -> None:

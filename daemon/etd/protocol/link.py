@@ -17,7 +17,7 @@ import select
 import socket
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -174,6 +174,7 @@ class EngineHello(_Message, frozen=True, kw_only=True):
     shape: Shape = PLAIN
     stabilizers: tuple[str, ...] = ()
     felt_may_raise: bool = False
+    balance: Literal["biphasic"] | None = None
     #: SHA-256 of each file of the configuration, by what it describes.
     digests: dict[str, str] = {}
 

@@ -216,6 +216,9 @@ class HelloReply(Success, frozen=True, kw_only=True):
     stabilizers: tuple[str, ...] = ()
     #: Whether *too weak* may raise a level above the frame's own, by the body site.
     felt_may_raise: bool = False
+    #: Whether frames that name no polarity get both phases where one would leave too much direct
+    #: current, by the body site.
+    balance: Literal["biphasic"] | None = None
     #: SHA-256 of each file of the configuration, by what it describes.
     digests: dict[str, str] = {}
     default_calibration: str | None
@@ -340,7 +343,8 @@ class StateReport(msgspec.Struct, frozen=True, kw_only=True):
     busy_at_most: str = ""
     #: How far the board's clock, which times all reports, is behind CLOCK_MONOTONIC.
     clock_lag_us: int = 0
-    #: On a fake board ttl, lease and the gateway's silence may last so many times as long; else 1.
+    #: On a fake board ttl, lease, the gateway's silence and the stopper's may last so many times as
+    #: long; else 1.
     timeout_factor: int = 1
     timing: dict[str, float] = {}
     machine: tuple[str, ...] = ()
