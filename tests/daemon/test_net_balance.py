@@ -151,6 +151,13 @@ def test_as_many_pulses_as_reach_the_bound_and_do_not_pass_it_are_left_as_they_a
     assert (both.polarity, both.pulses) == ("biphasic", 5)
 
 
+def test_both_phases_without_a_calibration_for_them_are_refused() -> None:
+    balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, calibrated("anodic")))
+    with pytest.raises(Refused) as refused:
+        balance.form_of(frame(**STRONG), LIMIT, "anodic")
+    assert refused.value.code == "bad_calibration"
+
+
 def test_what_has_both_phases_by_default_is_left_as_it_is() -> None:
     """Its probes may leave something."""
     balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, None))

@@ -176,6 +176,12 @@ def test_a_refusal_names_the_time_the_bound_and_a_rate_only_where_one_lasts() ->
         forecast().told(NetLimit(3, after_s=0.1994, lasting_hz=41.5, shown_s=0.2))
     assert "electrode 3: after 199 ms of this frame more than 10 uC" in refused.value.reason
     assert " rate_hz=41.5 lasts, or show it for less long" in refused.value.reason
+    assert refused.value.reason.endswith("or with lower currents")
+    with pytest.raises(Refused) as refused:
+        forecast().told(NetLimit(3, after_s=0.1, lasting_hz=41.5, shown_s=0.2), "too fast")
+    assert refused.value.reason.endswith(
+        "or with lower currents. It cannot be balanced here: too fast"
+    )
     for lasting_hz, is_named in ((0.0, False), (0.1, True)):
         with pytest.raises(Refused) as refused:
             forecast().told(NetLimit(3, after_s=0.0, lasting_hz=lasting_hz, shown_s=0.2))

@@ -29,7 +29,7 @@ _BALANCED: Final[dict[Polarity, Polarity]] = {
 
 
 class NetBalance:
-    """Of one lease, whose person it is for."""
+    """Of one lease, whose person it is for. `is_allowed`: whether the body site balances at all."""
 
     def __init__(self, balance: Literal["biphasic"] | None, person: PersonLimits) -> None:
         self.is_allowed: Final = balance is not None
@@ -46,7 +46,7 @@ class NetBalance:
         Raises: Refused, where the person has no calibration for both phases.
         """
         both = _BALANCED.get(default)
-        if both is None or not self.is_allowed or frame.polarity is not None or frame.strict:
+        if both is None or frame.polarity is not None or frame.strict:
             return None
         if frame.pulses is not None and alone.after_s >= alone.shown_s:
             return None
