@@ -356,11 +356,11 @@ class Played:
 def test_what_a_word_took_is_not_held_against_a_law_where_more_is_asked_for() -> None:
     played = Played()
     for _ in range(2 * TOO_MANY):
-        played.say("too_weak", 0.88, 0.88 * 0.4)
+        played.say("too_weak", 0.7, 0.7 * 0.4)
     assert played.feeling.laws_off == ""
     for _ in range(TOO_MANY):
         assert played.feeling.laws_off == ""
-        played.say("too_weak", 0.88, 0.88)
+        played.say("too_weak", 0.7, 0.7)
     assert "said the opposite" in played.feeling.laws_off
 
 

@@ -65,7 +65,7 @@ class OffsetEstimate:
         """Takes an answer that was given about the strength at this offset."""
         kept = self._kept(now_ns)
         weights = [
-            (kept * weight + (1.0 - kept) * prior) * _likelihood(answer, offset - wanted)
+            (kept * weight + (1.0 - kept) * prior) * likelihood(answer, offset - wanted)
             for weight, prior, wanted in zip(self._weights, _PRIOR, _GRID, strict=True)
         ]
         total = sum(weights)
@@ -80,7 +80,7 @@ class OffsetEstimate:
         return math.exp(-max(0, now_ns - self._said_ns) / _FORGOTTEN_NS)
 
 
-def _likelihood(answer: Answer, above: float) -> float:
+def likelihood(answer: Answer, above: float) -> float:
     """How likely it is said at so much above the wanted strength."""
     return _WRONG + (_RIGHT - _WRONG) * _rightly(answer, above)
 
