@@ -14,6 +14,7 @@ from pathlib import Path
 from etd.files import paths
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import file_of
+from etd.files.named_files import names_in, size_of
 from etd.protocol.calibration import Calibration, check_order
 from etd.protocol.errors import FileError, Refused
 
@@ -23,6 +24,9 @@ MOST_CALIBRATIONS = 1_000
 MOST_IN_ALL_BYTES = 32 * 1024 * 1024
 #: The largest that the protocol allows has fewer: 256 electrodes that each name all others.
 MOST_FILE_BYTES = 512 * 1024
+#: Of a folder that has more than are kept, by whoever's doing, so much is looked at.
+_MOST_LOOKED_AT = 4 * MOST_CALIBRATIONS
+_SUFFIX = ".toml"
 
 
 class CalibrationFolder:
@@ -37,14 +41,15 @@ class CalibrationFolder:
 
     def names(self, with_shipped: bool) -> tuple[str, ...]:
         """All names, sorted; of one's own no more than are kept."""
-        own = sorted(path.stem for path in self.own.glob("*.toml"))[:MOST_CALIBRATIONS]
-        shipped = self._shipped.glob("*.toml") if self._shipped and with_shipped else ()
-        return tuple(sorted({*own, *(path.stem for path in shipped)}))
+        own = names_in(self.own, _SUFFIX, _MOST_LOOKED_AT)[:MOST_CALIBRATIONS]
+        shipped = names_in(self._shipped, _SUFFIX) if self._shipped and with_shipped else ()
+        return tuple(sorted({*own, *shipped}))
 
     def find(self, name: str, with_shipped: bool) -> Path:
         """Raises: Refused (`not_found`)."""
         for folder in (self.own, self._shipped if with_shipped else None):
-            if folder is not None and (folder / f"{name}.toml").is_file():
+            # Whatever it is, and wherever a link leads: who reads it refuses what is no file.
+            if folder is not None and os.path.lexists(folder / f"{name}.toml"):
                 return folder / f"{name}.toml"
         known = ", ".join(self.names(with_shipped)) or "none"
         raise Refused("not_found", f"there is no calibration {name!r}; there are: {known}")
@@ -125,7 +130,7 @@ class CalibrationFolder:
         if not self.own.is_dir():
             return
         others = [path for path in self.own.iterdir() if path.name != file]
-        taken_bytes = sum(map(_size_of, others))
+        taken_bytes = sum(map(size_of, others))
         why = ""
         if sum(path.suffix == ".toml" for path in others) + more > MOST_CALIBRATIONS:
             why = f"no more than {MOST_CALIBRATIONS} calibrations are kept in {self.own}"
@@ -143,14 +148,6 @@ class CalibrationFolder:
 
     def _is_shipped(self, name: str) -> bool:
         return self._shipped is not None and (self._shipped / f"{name}.toml").exists()
-
-
-def _size_of(path: Path) -> int:
-    """0, if it has been deleted meanwhile."""
-    try:
-        return path.lstat().st_size
-    except FileNotFoundError:
-        return 0
 
 
 def not_permitted(folder: Path, what: str) -> Refused:
