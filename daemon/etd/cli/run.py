@@ -16,12 +16,13 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from etd.cli import options
 from etd.cli.extras import check_fake
+from etd.cli.part_ending import status_of_part
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
@@ -122,9 +123,8 @@ def run(args: argparse.Namespace) -> int:
         return _run_both(args, loaded, folder)
     if args.lifeline:
         _end_with_standard_input()
-    if args.part == "gateway":
-        return _run_gateway(args, loaded, folder)
-    return _run_engine(args, loaded, folder)
+    run_part = _run_gateway if args.part == "gateway" else _run_engine
+    return status_of_part(lambda on_ready: run_part(args, loaded, folder, on_ready))
 
 
 def loaded_config(args: argparse.Namespace) -> LoadedConfig:
@@ -268,7 +268,9 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
 # --- one part --------------------------------------------------------------------------------
 
 
-def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+def _run_engine(
+    args: argparse.Namespace, loaded: LoadedConfig, folder: Path, on_ready: Callable[[], None]
+) -> int:
     from etd.engine.calibration_process import CalibrationProcess
     from etd.engine.process import run_engine
 
@@ -294,6 +296,7 @@ def _run_engine(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) ->
         _open_backend(args, loaded),
         folder,
         _selftest_file(args, loaded),
+        on_ready,
         calibrations=calibrations,
         supply_note=note if refusal is None else None,
         note_refusal=refusal,
@@ -361,7 +364,9 @@ def _open_backend(args: argparse.Namespace, loaded: LoadedConfig) -> Backend:
     )
 
 
-def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
+def _run_gateway(
+    args: argparse.Namespace, loaded: LoadedConfig, folder: Path, on_ready: Callable[[], None]
+) -> int:
     from etd.engine.notify import Notifier
     from etd.gateway.config import GatewayConfig
     from etd.gateway.process import run_gateway
@@ -377,7 +382,12 @@ def _run_gateway(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -
         record=args.record,
     )
     with contextlib.closing(Notifier()) as notifier:
-        return run_gateway(config, system_clock(), lambda: notifier.ready("serving clients"))
+
+        def ready() -> None:
+            notifier.ready("serving clients")
+            on_ready()
+
+        return run_gateway(config, system_clock(), ready)
 
 
 def _end_with_standard_input() -> None:
