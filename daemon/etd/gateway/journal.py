@@ -60,8 +60,8 @@ _COUNTED = {
 _EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
-#: Between two summaries, so many changes of state are told one by one.
-MOST_STATES = 40
+#: Between two summaries, of each kind so many lines are told one by one.
+MOST_ONE_BY_ONE = 40
 
 
 class _OneLine(logging.Formatter):
@@ -81,6 +81,38 @@ class _Queue(logging.handlers.QueueHandler):
             self.queue.put_nowait(record)
         except queue.Full:
             self.dropped += 1
+
+
+class _SummedUp:
+    """Lines that any client can cause in a loop, to stop and clear or to begin and end records: so
+    many between two summaries are told one by one, and the others together.
+    """
+
+    def __init__(self, log: logging.Logger, what: str) -> None:
+        """`what`: the lines, with a place for the number of those that are errors."""
+        self._log = log
+        self._what = what
+        self._told = 0
+        self._untold = self._errors = 0
+        self._last = logging.INFO, ""
+
+    def tell(self, level: int, text: str) -> None:
+        if self._told < MOST_ONE_BY_ONE:
+            self._told += 1
+            self._log.log(level, "%s", text)
+            return
+        self._untold += 1
+        self._errors += level == logging.ERROR
+        self._last = level, text
+
+    def sum_up(self) -> None:
+        if self._untold:
+            level, last = self._last
+            what = self._what.format(self._errors)
+            self._log.log(
+                level, "since the last summary: %d more %s; the last: %s", self._untold, what, last
+            )
+        self._told = self._untold = self._errors = 0
 
 
 class _Writer(logging.handlers.QueueListener):
@@ -112,11 +144,8 @@ class Journal:
         #: When each reported sensor last had a problem.
         self._silent_ns: dict[str, int] = {}
         self._leases = LeaseLog()
-        #: Changes of state since the last summary: those with a line, and those without.
-        self._states_told = 0
-        self._untold_states = 0
-        self._untold_halts = 0
-        self._last_untold = logging.INFO, ""
+        self._states = _SummedUp(self._log, "changes of state, {} of them HALTED")
+        self._records = _SummedUp(self._log, "lines of records, {} of them problems")
         #: The record that is written, and why the last one ended by itself.
         self._record: tuple[str | None, str | None] = None, None
         self._refused: Counter[str] = Counter()
@@ -165,33 +194,11 @@ class Journal:
         if report.state == self._state:
             return
         before, self._state = self._state, report.state
-        self._log_state(*_change_of_state(report, before))
+        self._states.tell(*_change_of_state(report, before))
         for sentence in report.not_granted:
             if sentence not in self._told:
                 self._told.add(sentence)
                 self._log.warning("%s", sentence)
-
-    def _log_state(self, level: int, text: str) -> None:
-        """Any client can stop and clear in a loop."""
-        if self._states_told < MOST_STATES:
-            self._states_told += 1
-            self._log.log(level, "%s", text)
-            return
-        self._untold_states += 1
-        self._untold_halts += level == logging.ERROR
-        self._last_untold = level, text
-
-    def _sum_up_states(self) -> None:
-        if self._untold_states:
-            level, last = self._last_untold
-            self._log.log(
-                level,
-                "since the last summary: %d more changes of state, %d of them HALTED; the last: %s",
-                self._untold_states,
-                self._untold_halts,
-                last,
-            )
-        self._states_told = self._untold_states = self._untold_halts = 0
 
     def _log_laws_off(self, why: str) -> None:
         if why and why != self._laws_off:
@@ -227,11 +234,11 @@ class Journal:
             return
         before, self._record = self._record, (running, problem)
         if before[0] is not None and running != before[0]:
-            self._log.info("record %r ended", before[0])
+            self._records.tell(logging.INFO, f"record {before[0]!r} ended")
         if running is not None and running != before[0]:
-            self._log.info("record %r begun", running)
+            self._records.tell(logging.INFO, f"record {running!r} begun")
         if problem is not None and problem != before[1]:
-            self._log.error("%s", problem)
+            self._records.tell(logging.ERROR, problem)
 
     def lease(self, standing: StandingLease | None) -> None:
         """Log a change of the holder."""
@@ -247,7 +254,8 @@ class Journal:
         self._summed_ns = now_ns
         for line in self._leases.summary():
             self._log.info("%s", line)
-        self._sum_up_states()
+        self._states.sum_up()
+        self._records.sum_up()
         news = counters - self._refused
         self._refused = Counter(counters)
         if news:
