@@ -176,6 +176,25 @@ def test_a_loop_of_stops_and_clears_is_bounded_and_the_last_state_is_told() -> N
     assert lines[-1].endswith("the last: HALTED by stop (client): stop 999")
 
 
+def test_a_loop_of_records_is_bounded_and_the_last_is_told() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for number in range(1_000):
+        journal.record(f"r{number}", None)
+        journal.record(None, "the disk is full" if number == 999 else None)
+    journal.refusals(Counter(), SUM_UP_NS)
+    journal.record("after", None)
+    lines = lines_of(journal, stream)
+    assert len(lines) <= 50
+    assert lines[:2] == ["etd main: record 'r0' begun", "etd main: record 'r0' ended"]
+    told = len(lines) - 2
+    assert lines[-2] == (
+        f"etd main: since the last summary: {2_001 - told} more lines of records, 1 of them"
+        " problems; the last: the disk is full"
+    )
+    assert lines[-1] == "etd main: record 'after' begun"
+
+
 TEXT = st.text(max_size=50) | st.sampled_from(["\n", "\x1b[2J", "x\netd main: ARMED", "a" * 5_000])
 
 
