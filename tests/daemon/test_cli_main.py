@@ -253,6 +253,28 @@ def test_a_timeout_factor_is_a_whole_number_within_bounds(
     assert "not a whole number from 1 to 100" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ["stop", "--json", "--folder", "/tmp/\udcff"],
+        ["check", "--json", "\udcff.toml"],
+        ["run", "--board", "fake", "--folder", "/tmp/\udcff"],
+        ["note", "\udcff"],
+    ],
+)
+def test_an_argument_that_is_no_text_is_wrong_use(
+    asked: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the shell hands over a byte that is none in UTF-8."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main(asked)
+    assert ended.value.code == 2
+    said = capsys.readouterr()
+    assert "an argument is no text in UTF-8" in said.err
+    if "--json" in asked:
+        assert json.loads(said.out)["error"] == "used_wrongly"
+
+
 IMPORTED_BY_SAFE = """
 import json, sys
 from etd.cli import main

@@ -138,6 +138,9 @@ def _of_verb(given: Sequence[str]) -> int:
             _tell(error, as_json)
             return status_of(error)
     parser = _parser((verb,) if verb else _verbs(), as_json)
+    if (no_text := next((each for each in given if not _is_text(each)), None)) is not None:
+        # It could stand in no answer and in no message.
+        parser.error(f"an argument is no text in UTF-8: {no_text}")
     args, unknown = parser.parse_known_args(given)
     if unknown:
         # By the verb's own parser, whose help has the options that there are.
@@ -146,6 +149,14 @@ def _of_verb(given: Sequence[str]) -> int:
         parser.print_help()
         return USED_WRONGLY
     return _answered(args)
+
+
+def _is_text(argument: str) -> bool:
+    try:
+        argument.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _verbs() -> tuple[str, ...]:
