@@ -84,6 +84,21 @@ def said(lines: Sequence[Line]) -> str:
     return " ".join(sentences)
 
 
+def of_selftests(lines: Sequence[Line]) -> str:
+    """How many a self-test does not tell. Empty where none was played."""
+    those, known = [line for line in lines if line.on == BENCH], bounds()
+    silent = sum(line.silent for line in those)
+    untold = sum(
+        line.silent for line in those if not known.get(line.fault_class, Bound()).rows_on(BENCH)
+    )
+    if not those:
+        return ""
+    return (
+        f"Of {sum(line.cases for line in those)} self-tests {silent} were silent, {untold} of them"
+        f" of classes with {_NONE} in their row."
+    )
+
+
 def _by(part: dict[str, Any]) -> str:
     return f"{part['cases']} cases by {part['version']} on {part['day']}"
 
@@ -103,7 +118,7 @@ def write(lines: Sequence[Line]) -> None:
 
 
 def _part(lines: Sequence[Line]) -> str:
-    text = ["", *_folded(said(lines))]
+    text = ["", *_folded(f"{said(lines)} {of_selftests(lines)}".strip())]
     for title, rows in tables(lines):
         text += [f"\n{title}:\n"]
         text += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
