@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +27,13 @@ from etd.version import __version__
 
 _CLONE = Path(__file__).resolve().parents[2]
 PAGE = _CLONE / "docs" / "evidence.md"
+#: By the measurements, while others still run.
+_WRITTEN = frozenset(
+    {
+        *("docs/evidence.md", "docs/safety.md", "tests/campaign/recorded.jsonl"),
+        *("tests/fuzz/fuzzed.txt", "tests/mutants/digests.toml"),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -194,14 +202,26 @@ def kept(text: str) -> dict[str, str]:
     return found
 
 
+def changed(clone: Path = _CLONE) -> list[str]:
+    """The files of a clone that are not as they were committed, but for what the measurements write
+    themselves. What is measured of them could be checked out by nobody.
+    """
+    said = _git(clone, "status", "--porcelain", "--no-renames", "--untracked-files=no")
+    return [line[3:] for line in said.splitlines() if line[3:] not in _WRITTEN]
+
+
+def _git(clone: Path, *asked: str) -> str:
+    """What it says; nothing where there is none, or no clone."""
+    if shutil.which("git") is None:
+        return ""
+    said = subprocess.run(["git", *asked], cwd=clone, capture_output=True, text=True, check=False)
+    return said.stdout.rstrip()
+
+
 def machine() -> dict[str, str]:
-    described = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        cwd=_CLONE, capture_output=True, text=True, check=False,
-    )  # fmt: skip
     return {
         "date": _date(),
-        "version": f"{__version__}, {described.stdout.strip() or 'not from a clone'}",
+        "version": f"{__version__}, {_git(_CLONE, 'describe', '--always') or 'not from a clone'}",
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.machine()}",
         "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
     }
@@ -280,6 +300,8 @@ def main(arguments: Iterable[str] | None = None) -> int:
     )
     parser.add_argument("--page", type=Path, default=PAGE, help="where to write (docs/evidence.md)")
     args = parser.parse_args(None if arguments is None else list(arguments))
+    if args.page == PAGE and (files := changed()):
+        parser.error(f"commit first, so that what is measured can be checked out: {files[0]}")
     console, statuses = Console(stderr=True), list[int]()
     for measurement in MEASUREMENTS:
         if args.only and measurement.name not in args.only:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from pathlib import Path
+
 import pytest
 
 from bench.evidence import (
     MEASUREMENTS,
     Measured,
     Measurement,
+    changed,
     kept,
     measured,
     page,
@@ -87,3 +92,27 @@ def test_what_is_not_measured_anew_keeps_its_section(figures: object) -> None:
     assert kept(again)[FIRST] == before[FIRST]
     assert "anew" in kept(again)[SECOND]
     assert page(kept(again)) == again
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="there is no git on this machine")
+def test_what_is_not_committed_is_named_but_for_what_the_measurements_write(
+    tmp_path: Path,
+) -> None:
+    def git(*asked: str) -> None:
+        who = ("-c", "user.name=n", "-c", "user.email=n@example.org")
+        subprocess.run(["git", *who, *asked], cwd=tmp_path, check=True, capture_output=True)
+
+    (tmp_path / "docs").mkdir()
+    for file in ("a.py", "docs/evidence.md"):
+        (tmp_path / file).write_text("1")
+    git("init")
+    git("add", "-A")
+    git("commit", "-m", "first")
+    assert changed(tmp_path) == []
+    (tmp_path / "docs" / "evidence.md").write_text("2")
+    (tmp_path / "untracked").write_text("2")
+    assert changed(tmp_path) == []
+    (tmp_path / "a.py").write_text("2")
+    assert changed(tmp_path) == ["a.py"]
+    git("add", "a.py")
+    assert changed(tmp_path) == ["a.py"]
