@@ -59,6 +59,8 @@ _ARRAYS = tuple(
 )
 #: So long they have been at it when the first stop is measured.
 _LOADED_S = 2.0
+#: In each of its folders, as many as may be there.
+_KEPT = 1_000
 
 #: An attack, turn by turn.
 Turns = Generator[None, None, None]
@@ -147,6 +149,24 @@ def ask_for_slow_things(folder: Path) -> Turns:
             yield
 
 
+def ask_for_full_folders(folder: Path) -> Turns:
+    """Twenty clients that want to know of a thousand records and of as many calibrations."""
+    for kept, suffix in (("records", "jsonl"), ("calibrations", "toml")):
+        (folder / "state" / kept).mkdir(mode=0o750, parents=True, exist_ok=True)
+        for number in range(_KEPT):
+            (folder / "state" / kept / f"kept-{number}.{suffix}").touch(mode=0o640)
+    asked = (b'{"op": "record", "do": "list"}', b'{"op": "hello"}')
+    with ExitStack() as stack:
+        clients = [stack.enter_context(_connected(folder, zmq.DEALER)) for _ in range(20)]
+        while True:
+            for client, request in itertools.product(clients, asked):
+                client.send(request)
+                while client.poll(0):
+                    client.recv()
+            yield
+            clock.sleep_s(0.001)
+
+
 def flood(folder: Path) -> Turns:
     """Requests as they can be sent."""
     with _connected(folder, zmq.DEALER) as client:
@@ -200,6 +220,7 @@ STRANGERS: dict[str, Stranger] = {
         never_read,
         send_large_arrays,
         ask_for_slow_things,
+        ask_for_full_folders,
         flood,
         many_processes,
         stream_large_frames,
