@@ -145,7 +145,7 @@ def test_as_many_pulses_as_reach_the_bound_and_do_not_pass_it_are_left_as_they_a
     balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, None))
     five = frame(**STRONG, pulses=5)
     assert balance.form_of(five, LIMIT, "anodic") is None
-    more = LIMIT._replace(after_s=0.099)
+    more = NetLimit(3, after_s=0.099, lasting_hz=40.0, shown_s=0.1)
     both = balance.form_of(five, more, "anodic")
     assert both is not None
     assert (both.polarity, both.pulses) == ("biphasic", 5)
