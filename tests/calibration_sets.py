@@ -17,6 +17,7 @@ from engine_parts import (
     calibration,
     machine_file,
 )
+from etd.files.body_site import BodySite
 from etd.planning.headroom import PlanRules
 from etd.planning.plan import Planner
 from etd.protocol.calibration import Calibration, ElectrodeLimits
@@ -42,7 +43,9 @@ def person_of(*calibrations: Calibration) -> PersonLimits:
     return limits_of_calibrations(calibrations, MAXIMA, "grid-4x4", N, "fingertip")
 
 
-def planner_of(*calibrations: Calibration) -> Planner:
-    rules = PlanRules(array(), body_site(), MAXIMA, person_of(*calibrations), 10_000 / 4_095)
+def planner_of(*calibrations: Calibration, site: BodySite | None = None) -> Planner:
+    """`site`: the fingertip, or one that differs from it in other things than its maxima."""
+    site = site or body_site()
+    rules = PlanRules(array(), site, MAXIMA, person_of(*calibrations), 10_000 / 4_095)
     cost = CostModel(board_file(), machine_file(), TIMING, FiledComputing(60.0))
     return Planner(AnySelector(), rules, cost)

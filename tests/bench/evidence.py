@@ -204,7 +204,7 @@ def kept(text: str) -> dict[str, str]:
 
 def changed(clone: Path = _CLONE) -> list[str]:
     """The files of a clone that are not as they were committed, but for what the measurements write
-    themselves. What is measured of them could be checked out by nobody.
+    themselves. A figure of changed files could not be measured again.
     """
     said = _git(clone, "status", "--porcelain", "--no-renames", "--untracked-files=no")
     return [line[3:] for line in said.splitlines() if line[3:] not in _WRITTEN]

@@ -11,33 +11,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from engine_parts import (
-    TIMING,
-    AnySelector,
-    array,
-    board_file,
-    body_site,
-    calibration,
-    currents,
-    frame,
-    machine_file,
-    planner,
-)
-from etd.files.body_site import BodySite
-from etd.planning.headroom import PlanRules
+from calibration_sets import N, made, planner_of
+from engine_parts import array, body_site, currents, frame, planner
 from etd.planning.net_balance import NetBalance
 from etd.planning.net_forecast import NetLimit
 from etd.planning.outlook import Outlook
-from etd.planning.plan import Plan, Planner
-from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.planning.plan import Plan
 from etd.protocol.errors import Refused
 from etd.protocol.frame import Polarity
-from etd.safety.limits import PersonLimits, limits_of_calibrations
-from etd.safety.maxima import maxima_of
+from etd.safety.limits import PersonLimits
 from etd.safety.net_charge import NetState
-from etd_hal.cost import CostModel, FiledComputing
 
-N = 16
 BALANCES = msgspec.structs.replace(body_site(), balance="biphasic")
 #: 2.4 mA, 100 us, 60 times a second: the bound is reached after 1.1 s.
 STRONG: dict[str, Any] = {"current_ua": currents(e3=2_400), "width_us": 100, "rate_hz": 60.0}
@@ -62,20 +46,8 @@ def on_3(nc: float) -> Outlook:
     return outlook([nc if electrode == 3 else 0.0 for electrode in range(N)])
 
 
-def calibrated(polarity: Polarity, comfortable_ua: int = 2_400) -> Calibration:
-    limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=comfortable_ua, cap_ua=3_000)
-    return calibration(electrode=(limits,) * N, polarity=polarity)
-
-
-def planner_for(*calibrations: Calibration, site: BodySite = BALANCES) -> Planner:
-    """For a person with these."""
-    maxima, layout = maxima_of(board_file(), site), array()
-    person = limits_of_calibrations(calibrations, maxima, layout.name, N, site.name)
-    return Planner(
-        AnySelector(),
-        PlanRules(layout, site, maxima, person, 10_000 / 4_095),
-        CostModel(board_file(), machine_file(), TIMING, FiledComputing(60.0)),
-    )
+#: At level 1 it has 2.4 mA.
+ANODIC = made("anodic", (3_600,) * N)
 
 
 LEVELS = tuple(1.0 if electrode == 3 else 0.0 for electrode in range(N))
@@ -112,29 +84,29 @@ def test_what_can_stand_is_left_as_it_is() -> None:
 
 @pytest.mark.parametrize("asked", ["anodic", ("anodic",) * N])
 def test_who_names_a_polarity_gets_that_one(asked: Polarity | tuple[Polarity, ...]) -> None:
-    made = planner(site=BALANCES)
-    plan = made.plan(frame(**STRONG, polarity=asked))
+    plans = planner(site=BALANCES)
+    plan = plans.plan(frame(**STRONG, polarity=asked))
     assert phases(plan) == [(True,)]
     assert told(plan) == [(3, "net_charge")]
     with pytest.raises(Refused, match=r"with lower currents \(over_maximum\)$"):
-        made.plan(frame(**STRONG, polarity=asked), on_3(9_900.0))
+        plans.plan(frame(**STRONG, polarity=asked), on_3(9_900.0))
 
 
 def test_who_asks_for_what_was_sent_or_nothing_gets_no_other_pulses() -> None:
-    made = planner(site=BALANCES)
-    plan = made.plan(frame(**STRONG, strict=True))
+    plans = planner(site=BALANCES)
+    plan = plans.plan(frame(**STRONG, strict=True))
     assert phases(plan) == [(True,)]
     assert told(plan) == [(3, "net_charge")]
     with pytest.raises(Refused, match="net charge would be on it"):
-        made.plan(frame(**STRONG, strict=True), on_3(9_900.0))
+        plans.plan(frame(**STRONG, strict=True), on_3(9_900.0))
 
 
 def test_so_many_pulses_as_stay_within_the_bound_are_left_as_they_are() -> None:
     """However much is left of others: they are refused then, and not felt otherwise."""
-    made = planner(site=BALANCES)
-    assert phases(made.plan(frame(**STRONG, pulses=5))) == [(True,)]
+    plans = planner(site=BALANCES)
+    assert phases(plans.plan(frame(**STRONG, pulses=5))) == [(True,)]
     with pytest.raises(Refused, match="net charge would be on it"):
-        made.plan(frame(**STRONG, pulses=5), on_3(9_900.0))
+        plans.plan(frame(**STRONG, pulses=5), on_3(9_900.0))
     less = msgspec.structs.replace(
         BALANCES, maxima=msgspec.structs.replace(BALANCES.maxima, net_charge_nc=600)
     )
@@ -152,7 +124,7 @@ def test_as_many_pulses_as_reach_the_bound_and_do_not_pass_it_are_left_as_they_a
 
 
 def test_both_phases_without_a_calibration_for_them_are_refused() -> None:
-    balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, calibrated("anodic")))
+    balance = NetBalance("biphasic", PersonLimits((3_000,) * N, 200, 200, ANODIC))
     with pytest.raises(Refused) as refused:
         balance.form_of(frame(**STRONG), LIMIT, "anodic")
     assert refused.value.code == "bad_calibration"
@@ -192,11 +164,11 @@ def test_neither_what_is_left_nor_what_conducts_how_well_decides(
 ) -> None:
     """A frame that is renewed is felt the same all the time, or it is refused."""
     asked = frame(current_ua=tuple(wanted_ua), width_us=100, rate_hz=60.0, allow_slower=True)
-    made = planner(site=BALANCES)
-    first = made.plan(asked)
+    plans = planner(site=BALANCES)
+    first = plans.plan(asked)
     again: Plan | None = None
     with contextlib.suppress(Refused):
-        again = made.plan(asked, outlook(left_nc, conducts_s))
+        again = plans.plan(asked, outlook(left_nc, conducts_s))
     if again is None:
         assert set(phases(first)) == {(True,)}, "both phases leave nothing"
         return
@@ -209,16 +181,18 @@ def test_neither_what_is_left_nor_what_conducts_how_well_decides(
 
 
 def test_both_phases_have_levels_and_caps_of_their_own_calibration() -> None:
-    made = planner_for(calibrated("anodic"), calibrated("biphasic", comfortable_ua=2_000))
-    plan = made.plan(frame(level=LEVELS))
+    plans = planner_of(ANODIC, made("biphasic"), site=BALANCES)
+    plan = plans.plan(frame(level=LEVELS))
     assert phases(plan) == [(True, False)]
     assert plan.schedule[0].current_ua == 2_000
     assert told(plan) == [(3, "balanced")]
 
 
 def test_the_polarity_of_frames_that_name_none_is_that_of_the_first_calibration() -> None:
-    made = planner_for(calibrated("cathodic"), calibrated("biphasic_cathodic_first"))
-    assert phases(made.plan(frame(level=LEVELS))) == [(False, True)]
+    plans = planner_of(
+        *(made(it, (3_600,) * N) for it in ("cathodic", "biphasic_cathodic_first")), site=BALANCES
+    )
+    assert phases(plans.plan(frame(level=LEVELS))) == [(False, True)]
 
 
 @pytest.mark.parametrize("asked", [{"level": LEVELS}, {"current_ua": currents(e3=2_400)}])
@@ -226,12 +200,12 @@ def test_without_a_calibration_for_both_phases_a_frame_is_as_elsewhere(
     asked: dict[str, Any],
 ) -> None:
     """A cap was accepted for the pulses that it was found with."""
-    made = planner_for(calibrated("anodic"))
-    plan = made.plan(frame(**asked))
+    plans = planner_of(ANODIC, site=BALANCES)
+    plan = plans.plan(frame(**asked))
     assert phases(plan) == [(True,)]
     assert told(plan) == [(3, "net_charge")]
     with pytest.raises(Refused) as refused:
-        made.plan(frame(**asked), on_3(9_900.0))
+        plans.plan(frame(**asked), on_3(9_900.0))
     assert refused.value.code == "over_maximum"
     assert "of net charge would be on it" in refused.value.reason
     assert refused.value.reason.endswith(
@@ -256,14 +230,14 @@ def test_where_both_phases_do_not_fit_a_frame_is_as_elsewhere(
 ) -> None:
     layout = array(name)
     asked = {"width_us": 100, **asked}
-    made = planner(site=BALANCES, layout=layout)
-    plan = made.plan(frame(**asked))
+    plans = planner(site=BALANCES, layout=layout)
+    plan = plans.plan(frame(**asked))
     assert set(phases(plan)) == {(True,)}
     assert [reason for _, reason in told(plan)] == ["net_charge"]
     full = [NetState([1.0] * layout.count, [-9.9e6 if it == 0 else 9.5e6 for it in range(64)])]
     full = [NetState(state.conducts_s, state.left_pc[: layout.count]) for state in full]
     with pytest.raises(Refused) as refused:
-        made.plan(
+        plans.plan(
             frame(**asked), Outlook(lambda path: path, 3_000, {}, [True] * layout.count, net=full)
         )
     assert refused.value.code == "over_maximum"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from etd.cli.part_ending import UNFORESEEN, status_of_part
+from etd.cli.part_ending import DEFECT, status_of_part
 from etd.protocol.errors import BoardFault, BusError, FileError, Refused
 
 SYSTEMD = Path(__file__).resolve().parents[2] / "systemd"
@@ -31,10 +31,10 @@ def test_what_is_refused_before_it_serves_is_said_by_the_command(error: Exceptio
 
 
 @pytest.mark.parametrize("is_serving", [False, True])
-def test_what_no_one_has_foreseen_has_a_status_of_its_own(
+def test_a_defect_has_a_status_of_its_own(
     capsys: pytest.CaptureFixture[str], *, is_serving: bool
 ) -> None:
-    assert status_of_part(ends_with(KeyError("gone"), is_serving=is_serving)) == UNFORESEEN
+    assert status_of_part(ends_with(KeyError("gone"), is_serving=is_serving)) == DEFECT
     assert "KeyError: 'gone'" in capsys.readouterr().err
 
 
@@ -44,7 +44,7 @@ def test_what_no_one_has_foreseen_has_a_status_of_its_own(
 def test_once_it_serves_no_error_of_a_client_or_of_the_system_is_a_refusal(
     error: Exception,
 ) -> None:
-    assert status_of_part(ends_with(error, is_serving=True)) == UNFORESEEN
+    assert status_of_part(ends_with(error, is_serving=True)) == DEFECT
 
 
 @pytest.mark.parametrize(
@@ -67,4 +67,4 @@ def test_the_services_start_it_again_then_and_not_after_a_refusal(unit: str) -> 
     assert read["Service"]["Restart"] == "on-failure"
     never = read["Service"]["RestartPreventExitStatus"].split()
     assert never == ["1", "2", "3"]
-    assert str(UNFORESEEN) not in never
+    assert str(DEFECT) not in never

@@ -1,11 +1,10 @@
 """How a part of the daemon ends that cannot go on: by which exit status.
 
-Owns: which errors are refusals, that would be the same again, and which are nobody's intention.
-Must not know: what a part does.
+Owns: which errors are refusals, and which are defects. Must not know: what a part does.
 
 systemd starts a part again unless it ends with 1, 2 or 3: settings, use or hardware were refused
-then, and would be refused again (systemd/*.service). An error that no one has foreseen is neither,
-and a gateway that stays down because of one takes the stop by software with it.
+then, and would be refused again (systemd/*.service). Any other error is a
+defect of the program: while the gateway stays down, software cannot stop anything.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Final
 from etd.protocol.errors import BoardFault, BusError, EtdError
 
 #: "Internal software error", as sysexits.h has it.
-UNFORESEEN: Final = os.EX_SOFTWARE
+DEFECT: Final = os.EX_SOFTWARE
 
 
 def status_of_part(serve: Callable[[Callable[[], None]], int]) -> int:
@@ -39,4 +38,4 @@ def status_of_part(serve: Callable[[Callable[[], None]], int]) -> int:
         if isinstance(error, (BoardFault, BusError) if is_serving else (EtdError, OSError)):
             raise
         traceback.print_exc()
-        return UNFORESEEN
+        return DEFECT

@@ -1,7 +1,8 @@
-"""How long a message of another process holds: a frame, a lease, a sign of life.
+"""How long a message of another process holds, and how long the stopper may be silent.
 
-Owns: the four durations that count on the machine's own clock, and the factor that lengthens them.
-Must not know: clocks, sockets, which backend there is.
+Owns: a frame's, a lease's and a sign of life's duration, which count on the machine's own clock;
+that of the stopper, which counts on the board's; and the factor that lengthens them. Must not know:
+clocks, sockets, which backend there is.
 
 They end a current whose sender, or whose stopper, is gone. With a real board the factor is always 1
 (`etd_hal.backend.Backend` enforces it); a fake board on a busy machine may have a larger factor.

@@ -24,7 +24,7 @@ MOST_CALIBRATIONS = 1_000
 MOST_IN_ALL_BYTES = 32 * 1024 * 1024
 #: The largest that the protocol allows has fewer: 256 electrodes that each name all others.
 MOST_FILE_BYTES = 512 * 1024
-#: Of a folder that has more than are kept, by whoever's doing, so much is looked at.
+#: A folder may hold more files than are kept: only so many entries of it are read.
 _MOST_LOOKED_AT = 4 * MOST_CALIBRATIONS
 _SUFFIX = ".toml"
 

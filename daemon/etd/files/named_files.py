@@ -2,8 +2,8 @@
 
 Owns: which these are. Must not know: what is in them, who asks.
 
-Whoever may write to a folder can call a file anything. What no request can name is not there: it
-would stand in replies and in logs, and what is no text could be put into none.
+A file can have any name that the file system takes. One that no request can name is left out: it
+would stand in replies and in logs, and bytes that are no UTF-8 cannot be encoded there.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class NetBalance:
 
     def __init__(self, balance: Literal["biphasic"] | None, person: PersonLimits) -> None:
         self.is_allowed: Final = balance is not None
-        #: Empty: nobody's, whose limits hold for any pulse.
+        #: Empty: the lease has limits and no calibration, and they hold for any pulse.
         self._calibrated: Final = {each.polarity for each in person.calibrations}
 
     def form_of(self, frame: Frame, alone: NetLimit, default: Polarity) -> Frame | None:
