@@ -4,8 +4,9 @@ Owns: what is compared, and the bounds. Must not know: how answers are heeded, h
 how it is shown.
 
 Which bound a body has is measured on its fingers: 0.8 where the drift is common to all electrodes
-(`felt_drift`) and answers may raise, 1.05 everywhere else. Where they may not, nothing can be made
-up for that is felt less and less.
+(`felt_drift`) and the body site lets answers raise, 1.05 everywhere else. Where they may not,
+nothing can be made up for that is felt less and less. Whose answers do raise then is measured on
+each finger by the daemon's own procedure (`felt_adaptation`).
 
 A finger has several persons, who err at other times: of ten answers two are wrong, and which two
 they are moves the figure of one person by more than the bound leaves. So the bound is one of the
@@ -26,7 +27,7 @@ from math import inf, isnan, nan
 
 import numpy as np
 
-from bench import felt_drift
+from bench import felt_adaptation, felt_drift
 from bench.felt_drift import Drift
 from bench.felt_person import Manner
 from bench.felt_play import MINUTES, Played, play
@@ -54,7 +55,8 @@ class Figures:
 
 @dataclass(frozen=True)
 class Compared:
-    """Of a body, with answers and without. `may_raise`: as the body site has it. `worst_times`: of
+    """Of a body, with answers and without. `may_raise`: as the body site has it; `raisers` of the
+    `persons` may, since it was measured that they feel less in use. `worst_times`: of
     the finger with the most, all its persons together; `worst_person_times`: of a single person.
     `drift`: of these fingers, without answers. `unfelt`: on so many of them nothing is felt then.
     """
@@ -67,6 +69,8 @@ class Compared:
     worst_person_times: float
     drift: Drift
     unfelt: int = 0
+    raisers: int = 0
+    persons: int = 0
 
     @property
     def variation_times(self) -> float:
@@ -92,7 +96,7 @@ def compared(
         plain = {each: pool.submit(play, *each, None, minutes) for each in fingers}
         said = {
             (each, may_raise): [
-                pool.submit(play, *each, manner, minutes, number, may_raise=may_raise)
+                pool.submit(said_by, *each, manner, minutes, number, may_raise=may_raise)
                 for number in range(persons)
             ]
             for each, may_raise in product(fingers, ways)
@@ -109,14 +113,25 @@ def compared(
     ]
 
 
+def said_by(
+    kind: BodyKind, seed: int, manner: Manner, minutes: float, number: int, *, may_raise: bool
+) -> tuple[Played, bool]:
+    """One person's ten minutes, and whether their answers may raise: where the body site lets them
+    (`may_raise`), if it was measured before that they feel less in use.
+    """
+    is_measured = may_raise and felt_adaptation.may_raise(kind, seed, manner, number)
+    return play(kind, seed, manner, minutes, number, may_raise=is_measured), is_measured
+
+
 def _beside(
     body: BodyKind,
     may_raise: bool,
-    said: Sequence[Sequence[Played]],
+    outcomes: Sequence[Sequence[tuple[Played, bool]]],
     plain: Sequence[Played],
     drift: Drift,
 ) -> Compared:
-    """`said` by finger and person."""
+    """`outcomes` by finger and person."""
+    said = [[played for played, _ in persons] for persons in outcomes]
     felt = [number for number, one in enumerate(plain) if not isnan(one.figures.over_time)]
     varied, varied_plain = [said[number] for number in felt], [plain[number] for number in felt]
     of_finger, of_person = _worst_times(varied, varied_plain)
@@ -129,6 +144,8 @@ def _beside(
         of_person,
         drift,
         len(plain) - len(felt),
+        sum(may for persons in outcomes for _, may in persons),
+        sum(map(len, outcomes)),
     )
 
 

@@ -19,7 +19,10 @@ from bench.steady_docs import put
 
 BEGIN, END = "<!-- written by make bench-felt -->\n", "<!-- so far, felt -->\n"
 _SHIPS = "As it ships: answers lower, and give back what was lowered"
-_RAISING = "Where the body site lets answers raise (`felt_may_raise = true`)"
+_RAISING = (
+    "Where the body site lets answers raise (`felt_may_raise = true`), of those of whom"
+    " `--adaptation` found that they feel less in use"
+)
 
 
 def _times(times: float, each: Compared) -> str:
@@ -46,6 +49,9 @@ _ROWS: dict[str, Callable[[Compared], str]] = {
         each.plain.too_strong, each.said.too_strong
     ),
     "too weak": lambda each: _pair(each.plain.too_weak, each.said.too_weak),
+}
+_RAISING_ROWS: dict[str, Callable[[Compared], str]] = {
+    "persons whose answers may raise": lambda each: f"{each.raisers} of {each.persons}",
 }
 #: Of the fingers without answers, so the same whether answers may raise or not.
 _DRIFT_ROWS: dict[str, Callable[[Compared], str]] = {
@@ -77,7 +83,7 @@ def write(page: Path, found: Sequence[Compared], said: str, not_met: Sequence[Bo
     ]
     parts = [
         f"\n{said[:1].upper()}{said[1:]}. {_SHIPS}:\n\n{_table(ships, _ROWS | _DRIFT_ROWS)}",
-        f"\n{_RAISING}:\n\n{_table(raising, _ROWS)}\n",
+        f"\n{_RAISING}:\n\n{_table(raising, _RAISING_ROWS | _ROWS)}\n",
         *(fill(f"- {each}", 118, subsequent_indent="  ") + "\n" for each in told),
     ]
     put(page, BEGIN, "".join(parts) + ("\n" if told else ""), END)
@@ -93,7 +99,7 @@ def _table(found: Sequence[Compared], rows: dict[str, Callable[[Compared], str]]
 def table(found: Sequence[Compared], title: str) -> Table:
     """A body to a line."""
     made = Table(title=title)
-    for heading in ("", "variation", "times", "finger", "person", "bound"):
+    for heading in ("", "may raise", "variation", "times", "finger", "person", "bound"):
         made.add_column(heading, justify="right")
     for heading in (
         "not felt",
@@ -110,6 +116,7 @@ def table(found: Sequence[Compared], title: str) -> Table:
         said, plain, drift = each.said, each.plain, each.drift
         made.add_row(
             each.body.value,
+            f"{each.raisers} of {each.persons}",
             f"{said.variation:.1%} ({plain.variation:.1%})",
             f"{'[red]' if each.variation_times > each.bound else ''}{each.variation_times:.2f}",
             f"{each.worst_times:.2f}",

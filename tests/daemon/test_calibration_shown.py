@@ -11,6 +11,7 @@ from engine_parts import calibration
 from engine_scenes import exponent
 from etd.cli.calibration_shown import conditions_in_words, table_of
 from etd.cli.doubts import doubts_of
+from etd.protocol.adaptation import MeasuredAdaptation
 
 MADE = calibration(3)
 FITTED = exponent(0.8)
@@ -38,6 +39,17 @@ def test_a_drift_is_said_in_percent_and_of_what() -> None:
     assert "fallen by 8%" in said(drift=-0.08)
     least = said(drift=0.0, is_drift_least=True)
     assert "risen by at least 0% (it was not felt up to its cap)" in least
+
+
+def test_what_use_did_is_said_with_what_follows_of_it() -> None:
+    found = MeasuredAdaptation(answers=20, weaker=16, stronger=1, use_s=600.0, date=TODAY)
+    line = said(adaptation=found)
+    assert "in the second half of 600 s of use, 16 of 20 answers were weaker, 1 stronger" in line
+    assert "2026-01-15: the person's word may raise levels, by at most 5 % a minute" in line
+    assert "raises nothing: below 60% weaker" in said(adaptation=replace(found, weaker=11))
+    later = replace(found, date=datetime.date(2099, 1, 1))
+    assert "raises nothing: it is of 2099-01-01, and today is" in said(adaptation=later)
+    assert "MeasuredAdaptation" not in line
 
 
 def test_an_exponent_is_said_with_its_interval_and_whether_it_may_be_used() -> None:

@@ -114,7 +114,7 @@ def test_it_is_told_where_the_persons_word_may_raise(tmp_path: Path) -> None:
     site = (CONFIG / "bodysites" / "fingertip.toml").read_text(encoding="utf-8")
     assert "RAISE" not in check_file(write(tmp_path, "a.toml", site)).summary
     site = site.replace("felt_may_raise = false", "felt_may_raise = true")
-    assert f"the person's word may RAISE levels, {NOT_RECOMMENDED}" in (
+    assert f"word of a person who feels less in use may RAISE levels, {NOT_RECOMMENDED}" in (
         check_file(write(tmp_path, "b.toml", site)).summary
     )
 

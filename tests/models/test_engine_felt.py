@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,9 +24,10 @@ from engine_scenes import (
 )
 from etd.engine.feeling import Feeling
 from etd.files.configuration import LoadedConfig, fake_config
+from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.felt import FeltFacts
-from etd.protocol.link import Answer, DisarmBoard, SayFelt
+from etd.protocol.link import Answer, CloseLease, DisarmBoard, SayFelt
 from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
 from etd.stabilize.said import ANSWERED_LOWERED_BY, LOWERED_BY, MOST, RISE_A_MINUTE
@@ -37,24 +39,38 @@ N = 16
 #: So many answers in a row against laws are enough (`tests/stabilize/test_law_watch.py`).
 TOO_MANY = 4
 CAP_UA = 3_000
+#: Who feels less in use, as their calibration says.
+ADAPTS = MeasuredAdaptation(
+    answers=20, weaker=16, stronger=1, use_s=600.0, date=datetime.date(2025, 1, 15)
+)
 
 
-def ready(rig: EngineRig, cap_ua: int = CAP_UA) -> EngineRig:
+def ready(
+    rig: EngineRig, cap_ua: int = CAP_UA, adaptation: MeasuredAdaptation | None = None
+) -> EngineRig:
     """Armed for a calibrated person: threshold at 1000 uA, comfortable at 2000 uA."""
     made = calibration(rig, [cap_ua] * N)
     limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=cap_ua)
-    made = msgspec.structs.replace(made, electrode=(limits,) * N, exponent=exponent(1.05))
+    made = msgspec.structs.replace(
+        made, electrode=(limits,) * N, exponent=exponent(1.05), adaptation=adaptation
+    )
     assert open_calibrated(rig, made).error is None
     rig.arm()
     opened_to(rig, CAP_UA)
     return rig
 
 
-def felt_rig(make_rig: MakeRig, cap_ua: int = CAP_UA, *, may_raise: bool = False) -> EngineRig:
+def felt_rig(
+    make_rig: MakeRig,
+    cap_ua: int = CAP_UA,
+    *,
+    may_raise: bool = False,
+    adaptation: MeasuredAdaptation | None = ADAPTS,
+) -> EngineRig:
     """Its electrode 4 at a middle level for some seconds. `may_raise`: as the body site has it."""
     loaded = fake_config(electrodes=N)
     site = msgspec.structs.replace(loaded.body_site, felt_may_raise=may_raise)
-    rig = ready(make_rig(loaded=replace(loaded, body_site=site)), cap_ua)
+    rig = ready(make_rig(loaded=replace(loaded, body_site=site)), cap_ua, adaptation)
     hold(rig, 2_000)
     return rig
 
@@ -158,6 +174,36 @@ def test_as_it_ships_too_weak_gives_back_and_says_that_it_raises_nothing(
     assert last_ua(rig) / before_ua == pytest.approx(1 - ANSWERED_LOWERED_BY, abs=0.002)
     hold(rig, 52_000)
     assert last_ua(rig) == before_ua
+
+
+@pytest.mark.parametrize(
+    ("adaptation", "why"),
+    [
+        (None, "it was not measured that this person feels less in use (etd calibrate CODE"),
+        (msgspec.structs.replace(ADAPTS, weaker=11), "11 of 20 answers were weaker"),
+        (msgspec.structs.replace(ADAPTS, date=datetime.date(2020, 1, 1)), "before the calibration"),
+    ],
+)
+def test_too_weak_raises_nothing_of_a_person_of_whom_it_was_not_measured(
+    make_rig: MakeRig, adaptation: MeasuredAdaptation | None, why: str
+) -> None:
+    rig = felt_rig(make_rig, may_raise=True, adaptation=adaptation)
+    before_ua = last_ua(rig)
+    did, said = done(say(rig, "too_weak"))
+    assert did == "nothing"
+    assert why in said
+    assert "show a higher level" in said
+    hold(rig, 3_000)
+    assert last_ua(rig) == before_ua
+
+
+def test_what_was_measured_of_one_person_raises_nothing_for_the_next(make_rig: MakeRig) -> None:
+    rig = felt_rig(make_rig, may_raise=True)
+    assert done(say(rig, "too_weak"))[0] == "raises"
+    rig.ask(CloseLease, lease=LEASE)
+    ready(rig)
+    hold(rig, 2_000)
+    assert done(say(rig, "too_weak"))[0] == "nothing"
 
 
 def test_who_lost_the_lease_is_heard_to_say_too_strong(make_rig: MakeRig) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import felt_docs, felt_harm, steady_skin
+from bench import felt_adaptation, felt_docs, felt_harm, steady_skin
 from bench.felt_compared import (
     MOST_TIMES,
     MOST_TIMES_COMMON,
@@ -20,6 +20,7 @@ from bench.felt_compared import (
     Figures,
     bounds,
     compared,
+    said_by,
 )
 from bench.felt_drift import COMMON, LEAST_SIZE, Drift
 from bench.felt_laws import UNTOLD, WithLaw, with_law
@@ -92,14 +93,30 @@ def test_each_bound_can_say_no(drift: Drift, *, may_raise: bool, bound: float) -
         assert (found.bound, found.is_met) == (bound, is_met)
 
 
-def test_all_that_ships_is_asked_and_of_raising_what_it_is_for() -> None:
+def test_the_variation_is_asked_of_all_and_pain_of_all_that_ships() -> None:
     ships, costs = (made_up(1.2, EACH_ITS_OWN, may_raise=may_raise) for may_raise in (False, True))
     helps = made_up(1.2, SHARED, may_raise=True)
     assert [bound.bound for bound in asked([ships, costs, helps])] == [
-        MOST_TIMES,
         *(bound.bound for bound in felt_harm.bounds([ships])),
+        MOST_TIMES,
+        MOST_TIMES,
         MOST_TIMES_COMMON,
     ]
+
+
+def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> None:
+    """Nobody of a finger that feels alike all the time; on one that adapts, most."""
+    manner, (seed,) = Manner(), TESTED
+    raisers = {
+        body: sum(felt_adaptation.may_raise(body, seed, manner, number) for number in range(4))
+        for body in (BodyKind.INDIFFERENT, BodyKind.ADAPTING)
+    }
+    assert raisers[BodyKind.INDIFFERENT] == 0
+    assert raisers[BodyKind.ADAPTING] >= 3
+    site_forbids = said_by(BodyKind.ADAPTING, seed, manner, 1.0, 0, may_raise=False)
+    assert not site_forbids[1]
+    not_measured = said_by(BodyKind.INDIFFERENT, seed, manner, 1.0, 0, may_raise=True)
+    assert not_measured == said_by(BodyKind.INDIFFERENT, seed, manner, 1.0, 0, may_raise=False)
 
 
 def harmed(body: BodyKind, plain: Figures, said: Figures, *, may_raise: bool = True) -> Compared:

@@ -12,9 +12,12 @@ from typing import Literal, Protocol
 
 #: `strength`: is it felt, and how strongly? `sure`: after `too_strong` to that: again, or what it
 #: was instead, since keys slip. `compare`: is the second as strong as the first? `which`: after
-#: `too_strong` to that: which of the two? `whole`: all electrodes at once, at level 1. `quality`
-#: and `place`: what does it feel like, and where, at the comfortable level?
-Ask = Literal["strength", "sure", "compare", "which", "whole", "quality", "place"]
+#: `too_strong` to that: which of the two? `whole`: all electrodes at once, at level 1. `in_use`:
+#: all at once for minutes, is it as strong as at first? `sure_in_use`: after `too_strong` to that.
+#: `quality` and `place`: what does it feel like, and where, at the comfortable level?
+Ask = Literal[
+    "strength", "sure", "compare", "which", "whole", "in_use", "sure_in_use", "quality", "place"
+]
 Answer = Literal[
     "not_felt",
     "felt",
@@ -44,6 +47,8 @@ ANSWERS: dict[Ask, tuple[Answer, ...]] = {
     "compare": ("weaker", "same", "stronger", "too_strong"),
     "which": ("first", "second", "both", "neither"),
     "whole": ("not_felt", "felt", "comfortable", "too_strong"),
+    "in_use": ("weaker", "same", "stronger", "too_strong"),
+    "sure_in_use": ("weaker", "same", "stronger", "too_strong"),
     "quality": ("vibration", "pressure", "prickling", "other", "too_strong"),
     "place": ("under", "around", "elsewhere"),
 }

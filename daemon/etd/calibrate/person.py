@@ -70,8 +70,10 @@ class ResponseModel:
     discomfort: float = 0.85
     #: Who endures says so only at so many times this pain.
     endures: float = 1.0
-    #: Two strengths nearer than this (logarithm) are called the same.
+    #: Two strengths nearer than this (logarithm) are called the same, one after the other; and with
+    #: minutes between them.
     alike: float = 0.06
+    alike_later: float = 0.18
     #: The second of two is felt stronger by this (logarithm).
     second: float = 0.0
 
@@ -90,6 +92,8 @@ class SimulatedPerson:
         #: The answer to the last presentation, before any slip; and of two which was too strong.
         self._meant: Answer = "not_felt"
         self._which: Answer = "neither"
+        #: How strong it was at the first of the questions about use.
+        self._at_first: float | None = None
 
     @property
     def threshold_times(self) -> float:
@@ -106,7 +110,7 @@ class SimulatedPerson:
             return self._pressed(question, self._which)
         if question.ask in ("quality", "place"):
             return self._pressed(question, ANSWERS[question.ask][0])
-        if question.ask != "sure":
+        if question.ask not in ("sure", "sure_in_use"):
             self._meant = self._judged(question)
             self._presentations += 1
             self._drifted += self._random.gauss(0.0, self._model.drift)
@@ -129,6 +133,8 @@ class SimulatedPerson:
         perceived, hurts = self._perceived(question.electrode)
         if question.reference is not None:
             return self._compared(perceived, hurts, question.reference, question)
+        if question.ask == "in_use":
+            return self._with_first(perceived, hurts)
         if hurts:
             return "too_strong"
         model, chance = self._model, self._random
@@ -137,6 +143,22 @@ class SimulatedPerson:
         if perceived < 1.0:
             return "felt" if chance.random() < model.false_alarms else "not_felt"
         return "comfortable" if perceived >= model.comfortable else "felt"
+
+    def _with_first(self, perceived: float, hurts: bool) -> Answer:
+        """What was felt minutes ago is remembered as it was."""
+        model, chance = self._model, self._random
+        if self._at_first is None:
+            self._at_first = perceived
+        if hurts:
+            return "too_strong"
+        if chance.random() < model.lapses:
+            return chance.choice(("weaker", "same", "stronger"))
+        if perceived < 1.0:
+            return "weaker"
+        apart = log(perceived / self._at_first)
+        if abs(apart) < model.alike_later:
+            return "same"
+        return "stronger" if apart > 0.0 else "weaker"
 
     def _perceived(self, electrode: int) -> tuple[float, bool]:
         """How strong it was, and whether it was too strong."""

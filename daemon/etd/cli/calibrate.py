@@ -10,21 +10,24 @@ import argparse
 import contextlib
 import functools
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import get_args
 
 import msgspec
 
+from etd.calibrate.adaptation import QUESTIONS, USE_S
 from etd.calibrate.quest_plus import ready_questplus
 from etd.calibrate.trial import Stopped
 from etd.cli import options
+from etd.cli.adaptation_session import AdaptationSession
 from etd.cli.borrowed import array_of, calibration_of, lend
+from etd.cli.calibrate_added import added_by, calibrated_first, name_baseline
 from etd.cli.calibrate_conditions import COMMAND_LINE
 from etd.cli.calibrate_result import tell_trials, until_cleared
 from etd.cli.calibrate_session import CalibrateSession
 from etd.cli.extras import check_fake
-from etd.cli.fit_session import FitSession, calibrated_first
+from etd.cli.fit_session import FitSession
 from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import answer_within_s, private_daemon, termination_as_ctrl_c
@@ -40,6 +43,12 @@ from etd.protocol.opening import LEAST_LIMIT_UA
 #: As every client waits for an answer.
 _ANSWERED_WITHIN_S = 2.0
 
+#: An hour: touch has adapted after a quarter of one.
+_MOST_USE_S = 3_600
+_SESSIONS: Mapping[
+    str | None, type[CalibrateSession] | type[FitSession] | type[AdaptationSession]
+] = {None: CalibrateSession, "--fit": FitSession, "--adaptation": AdaptationSession}
+
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
 examples:
@@ -48,6 +57,7 @@ examples:
   etd calibrate P01 --max-current-ua 2500 --method limits --baseline P01
   etd calibrate P01 --method equalize --baseline P01   equal strength everywhere
   etd calibrate P01 --fit --max-current-ua 2500        k of the law power_law
+  etd calibrate P01 --adaptation                       whether use is felt less
   etd calibrate P01 --max-current-ua 2500 --board fake --answers simulated
   etd calibrate fake --fit --baseline fake-fingertip-pad-8 --as K01
       --max-current-ua 3000 --board fake --answers simulated
@@ -59,6 +69,8 @@ with equalize:
   {legend("compare")}
   {legend("which")}
   (after t)
+with --adaptation:
+  {legend("in_use")}
 with --ask-sensation:
 {legend("quality")}
 {legend("place")}
@@ -92,8 +104,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-current-ua",
         type=int,
         metavar="I",
-        help="the highest current that is presented; required, except with equalize, which uses the"
-        " baseline's caps",
+        help="the highest current that is presented; required, except with equalize and"
+        " --adaptation, which use a calibration's caps",
     )
     _add_conditions(parser)
     parser.add_argument(
@@ -111,6 +123,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="measure how far the thresholds of this calibration follow the skin's resistance, for"
         " the law power_law: six electrodes in five states of the skin, half an hour",
+    )
+    parser.add_argument(
+        "--adaptation",
+        action="store_true",
+        help="ask whether the array in use is felt less after minutes, for what the person's word"
+        " may raise: a quarter of an hour, after five minutes of rest",
+    )
+    parser.add_argument(
+        "--use-s",
+        type=_use_s,
+        metavar="S",
+        help=f"with --adaptation: in use for so long ({QUESTIONS} to {_MOST_USE_S}; default:"
+        f" {USE_S:g})",
     )
     parser.add_argument(
         "--electrodes",
@@ -212,8 +237,10 @@ def run(args: argparse.Namespace) -> int:
     ):
         display.check_may_store()
         with options.wrong_use(args):
-            kind = FitSession if args.fit else CalibrateSession
-            calibrating: CalibrateSession | FitSession = kind(args, display, which)
+            kind = _SESSIONS[added_by(args)]
+            calibrating: CalibrateSession | FitSession | AdaptationSession = kind(
+                args, display, which
+            )
         try:
             calibrating.run()
         except KeyboardInterrupt:
@@ -242,10 +269,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_combinations(args: argparse.Namespace) -> None:
+    if args.fit and args.adaptation:
+        args.misused("--fit and --adaptation are measured one after the other: one of the two")
     if args.fit:
         _check_fit(args)
     elif args.electrodes:
         args.misused("--electrodes goes with --fit: --leave-out omits electrodes")
+    if args.adaptation:
+        _check_adaptation(args)
+    elif args.use_s is not None:
+        args.misused("--use-s goes with --adaptation")
     if args.reference is not None and args.method != "equalize":
         args.misused("--reference goes with --method equalize")
     if args.method == "equalize":
@@ -253,7 +286,7 @@ def _check_combinations(args: argparse.Namespace) -> None:
             args.misused("--method equalize needs --baseline: it uses its thresholds and caps")
         if args.max_current_ua is not None:
             args.misused("--method equalize uses the caps of --baseline: omit --max-current-ua")
-    elif args.max_current_ua is None:
+    elif args.max_current_ua is None and not args.adaptation:
         args.misused("--max-current-ua is required: without a limit nothing is stimulated")
     if args.board is not None and args.host is not None:
         args.misused("--board fake is calibrated here, --host is another computer: one of the two")
@@ -277,18 +310,23 @@ def _check_fit(args: argparse.Namespace) -> None:
         )
     if args.method == "equalize":
         args.misused("--fit asks for thresholds: choose another --method")
-    if args.skin_celsius is not None or args.ask_sensation:
+    name_baseline(args, "--fit")
+
+
+def _check_adaptation(args: argparse.Namespace) -> None:
+    """It shows what a calibration has, and asks for no threshold."""
+    if args.leave_out or args.reference is not None or args.method != "staircase":
         args.misused(
-            "--fit adds k to a calibration and nothing else: omit --skin-celsius and"
-            " --ask-sensation, which a calibration takes"
+            "--adaptation shows all electrodes, and asks for no threshold: omit --leave-out,"
+            " --reference and --method"
         )
-    if args.baseline is None:
-        args.baseline = args.which or args.participant
-    elif args.baseline != args.participant and args.which is None:
-        args.misused(
-            f"--fit adds k to {args.baseline} and stores it as {args.participant}: say with --as"
-            " what it is stored as"
-        )
+    if args.max_current_ua is not None:
+        args.misused("--adaptation uses the caps of the calibration: omit --max-current-ua")
+    if args.restart:
+        args.misused("--adaptation keeps nothing on the way, and begins anew: omit --restart")
+    if args.use_s is None:
+        args.use_s = USE_S
+    name_baseline(args, "--adaptation")
 
 
 def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:
@@ -314,13 +352,16 @@ def _private(
     )
     with own as address:
         if args.baseline is not None:
-            with calibrated_first() if args.fit else contextlib.nullcontext():
+            option = added_by(args)
+            with calibrated_first(option) if option else contextlib.nullcontext():
                 lend(address, args.name, args.baseline, lent, _answered_within_s(args))
         yield address
 
 
 def _display(args: argparse.Namespace, address: str | None) -> Display:
-    """A display whose lease has the operator's limit; with equalize, the baseline's caps."""
+    """A display whose lease has the operator's limit; with equalize, or in use, the baseline's
+    caps.
+    """
     opened = functools.partial(
         Display,
         args.name,
@@ -329,7 +370,7 @@ def _display(args: argparse.Namespace, address: str | None) -> Display:
         client=f"etd calibrate {args.participant}",
         timeout_s=_answered_within_s(args),
     )
-    if args.method == "equalize":
+    if args.method == "equalize" or args.adaptation:
         return opened(calibration=args.baseline)
     with opened() as asking:
         with options.wrong_use(args):
@@ -361,6 +402,14 @@ def _check_limit(max_current_ua: int, facts: HelloReply) -> None:
             f"{LEAST_LIMIT_UA} to {most_ua} uA are allowed without a calibration (at most"
             f" uncalibrated_current_ua of body site {facts.body_site}, and the board's maxima)",
         )
+
+
+def _use_s(text: str) -> float:
+    """Raises: ArgumentTypeError."""
+    seconds = options.positive(text)
+    if not QUESTIONS <= seconds <= _MOST_USE_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is not from {QUESTIONS} to {_MOST_USE_S} s")
+    return seconds
 
 
 def _seed(text: str) -> int:

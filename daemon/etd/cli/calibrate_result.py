@@ -19,14 +19,21 @@ from etd.protocol.calibration import Calibration
 
 
 def store(
-    args: argparse.Namespace, display: Display, which: str, made: Calibration, progress: Path
+    args: argparse.Namespace,
+    display: Display,
+    which: str,
+    made: Calibration,
+    progress: Path | None = None,
 ) -> None:
-    """As `which` in the daemon, and in `--out`; the saved progress is over. Raises: Refused."""
+    """As `which` in the daemon, and in `--out`; the saved progress, if any, is over. Raises:
+    Refused.
+    """
     safe_again(display)
     display.set_calibration(which, made)
     if args.out is not None:
         write_atomically(args.out, to_toml(made).encode(), mode=0o640)
-    progress.unlink(missing_ok=True)
+    if progress is not None:
+        progress.unlink(missing_ok=True)
 
 
 def same_command(args: argparse.Namespace) -> str:

@@ -25,9 +25,15 @@ _ASKED = {
     "compare": "Was the second as strong as the first?",
     "which": "Which one was too strong?",
     "whole": "How strong was all of it together?",
+    "in_use": "Is it as strong as at first?",
+    "sure_in_use": "Too strong: it ends. Was it so? t again, or what it was.",
     "quality": "What does it feel like?",
     "place": "Where: under the electrode, around it, or elsewhere?",
 }
+
+
+#: With which question they are not on their way to level 1.
+_WHOLE = {"in_use": ", in use", "sure_in_use": ", in use"}
 
 
 class Screen:
@@ -82,7 +88,7 @@ class Screen:
         if answer is None:
             print("   this key is not one of the answers", flush=True)
         elif answer not in ("stop", "pause"):
-            is_asked_again = answer == "too_strong" and self._ask != "sure"
+            is_asked_again = answer == "too_strong" and self._ask not in ("sure", "sure_in_use")
             is_first_of_two = self._ask == "quality"
             ends = answer in ("first", "both", "neither") or is_asked_again or is_first_of_two
             follows = "" if ends else "; next presentation"
@@ -114,7 +120,7 @@ class Screen:
         """`electrode 12: 850 uA`, after what it is compared with."""
         shown, is_told = self._presented, not self._is_blind
         if shown is not None and shown.is_whole:
-            return "all electrodes at once, up to level 1"
+            return "all electrodes at once" + _WHOLE.get(question.ask, ", up to level 1")
         one = _at(question.electrode, _told_ua(shown) if shown and is_told else None)
         if question.reference is None:
             return one

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from etd.cli.doubts import drift_in_words
+from etd.protocol.adaptation import MeasuredAdaptation, raises_in_words
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.exponent import FittedExponent
 
@@ -23,6 +24,7 @@ def conditions_in_words(
         **_WORDS,
         "drift": lambda drift: _drift(drift, is_least),
         "exponent": lambda fitted: _exponent(fitted, calibrated, today),
+        "adaptation": lambda found: _adaptation(found, calibrated, today),
     }
     return [
         f"{key:<18} {'not given' if value is None else words.get(key, str)(value)}"
@@ -51,6 +53,11 @@ def _exponent(fitted: FittedExponent, calibrated: datetime.date, today: datetime
     if fitted.false_alarm_rate is not None:
         silent = f"; {_alarms(fitted.false_alarm_rate)} were felt"
     return f"{k_in_words(fitted)}{silent}; {fitted.date.isoformat()}: {use}"
+
+
+def _adaptation(found: MeasuredAdaptation, calibrated: datetime.date, today: datetime.date) -> str:
+    follows = raises_in_words(found.why_not_in(calibrated, today))
+    return f"{found.in_words}; {found.date.isoformat()}: {follows}"
 
 
 def _alarms(rate: float) -> str:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from random import randrange
 
@@ -32,6 +31,7 @@ from etd.calibrate.fitting import (
 from etd.calibrate.progress import Progress, check_progress_folder, save_progress
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
+from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
@@ -45,16 +45,11 @@ from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED, Calibration
-from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
 from etd.protocol.text import shown
 from etd_hal.compose import wall_time
 
-#: Where conditions are not those of the calibration that k is added to.
-_OTHERWISE = (
-    "--fit adds k to a calibration of this person, array and conditions: calibrate first, or name"
-    " that one (CODE, --baseline) and leave its conditions as they are"
-)
+_OPTION = "--fit"
 
 
 class FitSession:
@@ -67,11 +62,11 @@ class FitSession:
         self._is_simulated = args.answers == "simulated"
         #: Kept for this run: a clock that is set meanwhile does not make a drift.
         self._wall_offset_ns = clock.wall_offset_ns()
-        with calibrated_first():
+        with calibrated_first(_OPTION):
             self._baseline = display.calibration(args.baseline)
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
-        check_baseline(conditions, self._baseline, _OTHERWISE)
+        check_baseline(conditions, self._baseline, otherwise(_OPTION))
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
@@ -237,18 +232,3 @@ class FitSession:
 
     def _say(self, line: str) -> None:
         print(line, file=sys.stderr if self._args.json else sys.stdout, flush=True)
-
-
-@contextmanager
-def calibrated_first() -> Iterator[None]:
-    """Raises: Refused, where there is no calibration, with what to do first; and others."""
-    try:
-        yield
-    except Refused as error:
-        if error.code != "not_found":
-            raise
-        raise Refused(
-            error.code,
-            f"{error.reason}; --fit adds k to a calibration: calibrate first (the same command"
-            " without --fit), or name another one with --baseline",
-        ) from error

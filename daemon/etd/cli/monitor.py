@@ -39,7 +39,7 @@ more), and the limits that clamped a current (names as in docs/protocol.md).
 "said x0.81" is what the person's answers on the strength left of the current (display.felt).
 The key - says too strong for them: all electrodes get 5 % less at once. Press again for more:
 within half a minute 20 % less, then half. It can only lower, since the monitor does not hold the
-lease. "said" is above x1 only where the body site lets answers raise (felt_may_raise). The key is
+lease. "said" is above x1 only where the body site and the calibration let answers raise. The key is
 no stop: that is `etd stop`. Otherwise the command only reads telemetry.
 """
 #: The key for it.

@@ -284,7 +284,8 @@ class Display(Connection["zmq.Socket[bytes]"]):
         by twice as much as the time before. Good and too weak give that back at once, by at most
         5 % in any minute and not within one of too strong. Too weak raises levels above the
         frame's own, by no more and by 20 % in all, only where the body site allows it
-        (`facts.felt_may_raise`; no shipped one does). What was said is gone when the board is
+        (`facts.felt_may_raise`; no shipped one does), and only for a person whose calibration
+        tells that they feel less in use. What was said is gone when the board is
         disarmed. A program that does not hold the lease can only lower.
         `did` of the reply: "lowered", "gives_back", "raises" or "nothing"; `reason`: why it did
         no more, or in how many seconds it will.

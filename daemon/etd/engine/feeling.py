@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from etd.protocol.adaptation import why_not_raised
+from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.felt import HARDLY_ANYTHING, FeltDone, FeltFacts
 from etd.protocol.link import SayFelt
@@ -18,15 +20,14 @@ from etd.stabilize.said import FeltOffsets, Followed
 
 #: Currents are whole microamperes: a pulse with this part of what laws asked is what they asked.
 _NEARLY = 0.98
-_GIVES_BACK = (
-    "what was lowered comes back, by at most 5 % a minute, and no more than that"
-    " (felt_may_raise = false in the body site)"
-)
+_GIVES_BACK = "what was lowered comes back, by at most 5 % a minute, and no more than that ({})"
 _NOT_BEFORE = "it rises in {} s: nothing does within a minute of too_strong, or of another rise"
 _NOT_RAISED = (
     "nothing is lowered that could come back, and nothing is raised above the frame's own strength"
-    " (felt_may_raise = false in the body site): show a higher level, within its caps"
+    " ({}): show a higher level, within its caps"
 )
+_NOT_BY_SITE = "felt_may_raise = false in the body site"
+_NOT_WITHOUT = "no calibration tells that this person feels less in use"
 
 
 class Feeling:
@@ -35,10 +36,13 @@ class Feeling:
     """
 
     def __init__(self, electrodes: int, *, may_raise: bool) -> None:
-        """`may_raise`: whether a level may get more than the frame's own, by the person's word."""
+        """`may_raise`: whether a level may get more than the frame's own, by the person's word, as
+        the body site has it: then of whom it was measured that they feel less in use.
+        """
         self._count = electrodes
-        self._may_raise = may_raise
-        self._offsets = FeltOffsets(electrodes, may_raise=may_raise)
+        self._may_raise_here = may_raise
+        self._why_not_raised = _NOT_WITHOUT if may_raise else _NOT_BY_SITE
+        self._offsets = FeltOffsets(electrodes, may_raise=False)
         self._watch = LawWatch()
         self._gave = [1.0] * electrodes
         self._fired = [1.0] * electrodes
@@ -56,8 +60,13 @@ class Feeling:
         self._fired = [1.0] * self._count
         self._word = [1.0] * self._count
 
-    def lease_begun(self) -> None:
-        """Perhaps another person's: laws are judged anew."""
+    def lease_begun(self, calibrations: Sequence[Calibration] = ()) -> None:
+        """Perhaps another person's: laws are judged anew. `calibrations`: theirs, if any. By each
+        of them answers may raise, or by none: a word is about all polarities.
+        """
+        if self._may_raise_here:
+            self._why_not_raised = _why_not_raised(calibrations)
+        self._offsets = FeltOffsets(self._count, may_raise=not self._why_not_raised)
         self.reset()
         self._watch.reset()
         self.laws_off = ""
@@ -123,8 +132,9 @@ class Feeling:
     def _why_not_higher(self, answer: Answer, did: Followed) -> str:
         if answer != "too_weak" or did not in ("gives_back", "nothing"):
             return ""
-        if not self._may_raise:
-            return _NOT_RAISED if did == "nothing" else _GIVES_BACK
+        if self._why_not_raised:
+            why = _NOT_RAISED if did == "nothing" else _GIVES_BACK
+            return why.format(self._why_not_raised)
         if did == "gives_back":
             return ""
         return "it stays: this high already, or what was said before speaks against more"
@@ -196,6 +206,14 @@ class Feeling:
             factors=tuple([round(factor, 3) for factor in self._offsets.factors()]),
             laws_off=self.laws_off,
         )
+
+
+def _why_not_raised(calibrations: Sequence[Calibration]) -> str:
+    """Empty: answers may raise by all of them."""
+    if not calibrations:
+        return _NOT_WITHOUT
+    each = (why_not_raised(made.adaptation, made.date) for made in calibrations)
+    return next((why for why in each if why is not None), "")
 
 
 def _hardly_anything(left: float) -> str:

@@ -93,7 +93,7 @@ class StimulusAdapter:
             it.polarity: usable_k(it.exponent, self._board, self._leak_ohm, it.date) for it in each
         }
         self._impedance.is_early_wanted = is_early
-        self._feeling.lease_begun()
+        self._feeling.lease_begun(each)
         self.reset()
 
     def reset(self) -> None:

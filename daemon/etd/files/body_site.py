@@ -89,7 +89,8 @@ class BodySite(Strict, frozen=True):
     contact: SiteContact
     #: What may ask for more or less of a pulse; by default nothing does.
     stabilize: Settings = NO_STABILIZERS
-    #: Whether what the person says may raise a level above the frame's own (`stabilize/said.py`).
+    #: Whether what a person says of whom it was measured that they feel less in use may raise a
+    #: level above the frame's own (`stabilize/said.py`, `protocol/adaptation.py`).
     felt_may_raise: bool = False
     #: What becomes of a frame of single phases whose direct current would pass `net_charge_nc` if
     #: it stood: by default it is refused when it does. `biphasic`: each of its pulses has the other

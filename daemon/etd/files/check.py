@@ -20,6 +20,7 @@ from etd.files.calibration import load_calibration
 from etd.files.configuration import EtdConfig, load_config
 from etd.files.json_file import read_json
 from etd.files.resources import find
+from etd.protocol.adaptation import raises_in_words, why_not_raised
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError
 from etd.stabilize.settings import BY_RESISTANCE, Settings
@@ -171,8 +172,8 @@ def _raised(site: BodySite) -> str:
     if not site.felt_may_raise:
         return ""
     return (
-        "; the person's word may RAISE levels, NOT recommended (harm on some modelled bodies,"
-        " docs/stabilization.md)"
+        "; the word of a person who feels less in use may RAISE levels, NOT recommended (harm on"
+        " some modelled bodies, docs/stabilization.md)"
     )
 
 
@@ -213,7 +214,7 @@ def _calibration(path: Path, today: datetime.date | None = None) -> Answer:
     summary = (
         f"{len(caps_ua)} electrodes of {calibration.array} on the {calibration.body_site},"
         f" {calibration.polarity}, {calibration.width_us} us, caps up to {max(caps_ua, default=0)}"
-        f" uA; {_k_of(calibration, today)}"
+        f" uA; {_k_of(calibration, today)}{_raises(calibration, today)}"
     )
     return calibration.participant, summary, ()
 
@@ -226,6 +227,14 @@ def _k_of(calibration: Calibration, today: datetime.date | None) -> str:
     if (why := exponent.why_not_in(calibration.date, today)) is not None:
         return f"power_law is not for this person: {why}"
     return f"k = {exponent.k:.2f} for power_law on {exponent.board} ({exponent.leak_ohm} ohm)"
+
+
+def _raises(calibration: Calibration, today: datetime.date | None) -> str:
+    """Where it was measured whether this person feels less in use."""
+    if calibration.adaptation is None:
+        return ""
+    why = why_not_raised(calibration.adaptation, calibration.date, today)
+    return f"; {raises_in_words(why)}"
 
 
 def _check_count(calibration: Calibration, path: Path) -> None:

@@ -17,6 +17,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.errors import Refused
 from etd.protocol.exponent import FittedExponent
 from etd.protocol.frame import Frame, Name, PerElectrode, Polarity, Returns, ShortText
@@ -94,6 +95,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     skin_celsius: SkinCelsius | None = None
     #: How far this person's thresholds follow the resistance, for `power_law`.
     exponent: FittedExponent | None = None
+    #: Whether this person feels less and less in use, for what their word may raise.
+    adaptation: MeasuredAdaptation | None = None
 
     @property
     def unfelt(self) -> tuple[int, ...]:

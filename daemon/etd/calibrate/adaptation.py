@@ -1,0 +1,148 @@
+"""Whether a person feels less and less in use, asked: all electrodes are in use at one strength for
+minutes, and every now and then it is asked whether it is as strong as at first.
+
+Owns: what is shown, when it is asked, and which answers count. Must not know: terminals, daemons,
+what it is good for, when it lets answers raise (etd.protocol.adaptation).
+
+Touch adapts to use (thresholds up by 60 to 270 % in a quarter of an hour: Kaczmarek 2000 [abs]),
+and the skin changes meanwhile. Both are what somebody feels less by, so they are not told apart;
+and it is asked as it is said later, of all together, since thresholds that are asked one after
+another take minutes in which touch recovers. All are shown at a level that a picture might have,
+once a second, after all together were brought up to level 1 as at the end of a calibration: what
+is too strong takes all of them down first.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question
+from etd.calibrate.asking import Presenter
+from etd.calibrate.conditions import Conditions
+from etd.calibrate.progress import Progress
+from etd.calibrate.trial import Stopped
+from etd.protocol.adaptation import MeasuredAdaptation
+from etd.protocol.calibration import Calibration, current_of_level
+from etd.protocol.errors import EtdError
+
+#: In use for so long, and asked so often meanwhile.
+USE_S: Final = 600.0
+QUESTIONS: Final = 40
+#: Of a picture, and how often all of it comes.
+USE_LEVEL: Final = 0.6
+_EACH_S: Final = 1.0
+
+
+class TooStrongInUse(EtdError):
+    """A level that had been accepted was too strong after a while. Fields: used_s."""
+
+    def __init__(self, used_s: float) -> None:
+        self.used_s = used_s
+        super().__init__(
+            f"it was too strong after {used_s:.0f} s of use, so nothing was measured: let the skin"
+            " rest, and calibrate again before anything else"
+        )
+
+
+def before_use(conditions: Conditions, baseline: Calibration) -> Progress:
+    """Of a course that brings the whole array up to level 1, before it is in use."""
+    return Progress(conditions=conditions, found=dict(enumerate(baseline.electrode)))
+
+
+def currents_in_use(accepted: Progress, gamma: float) -> dict[int, int]:
+    """In uA, by electrode: of the levels that were accepted of all together."""
+    return {
+        electrode: current_of_level(limits, USE_LEVEL, gamma)
+        for electrode, limits in accepted.found.items()
+        if limits.felt
+    }
+
+
+def in_use(
+    presenter: Presenter,
+    answerer: Answerer,
+    currents_ua: Mapping[int, int],
+    use_s: float,
+    now_s: Callable[[], float],
+    on_presented: Callable[[Presentation], None] = lambda _: None,
+    on_answered: Callable[[Presentation, Ask, Answer | None], None] = lambda *_: None,
+) -> list[Answer]:
+    """All answers, in their order: `QUESTIONS` of them, alike over `use_s`. Time in which a
+    question stands is not use.
+
+    Raises: TooStrongInUse, Stopped, NotDelivered, Refused, DaemonGone.
+    """
+    answers: list[Answer] = []
+    for number in range(QUESTIONS):
+        last = _used(presenter, currents_ua, use_s / QUESTIONS, now_s)
+        on_presented(last)
+        answer = _answered(presenter, answerer, last, "in_use", on_answered)
+        if answer == "too_strong":
+            # Keys slip; nothing is shown until it is certain.
+            answer = _answered(presenter, answerer, last, "sure_in_use", on_answered)
+        if answer == "too_strong":
+            raise TooStrongInUse((number + 1) * use_s / QUESTIONS)
+        answers.append(answer)
+    return answers
+
+
+def _answered(
+    presenter: Presenter,
+    answerer: Answerer,
+    last: Presentation,
+    ask: Ask,
+    on_answered: Callable[[Presentation, Ask, Answer | None], None],
+) -> Answer:
+    """Raises: Stopped, and what the daemon refuses meanwhile."""
+    try:
+        answer = answerer.answer(Question(ask, last.electrode), presenter.keep)
+    except BaseException:
+        on_answered(last, ask, None)
+        raise
+    if answer == "stop":
+        presenter.stop()
+    on_answered(last, ask, answer)
+    if answer in ("stop", "pause"):
+        raise Stopped(answer)
+    return answer
+
+
+def _used(
+    presenter: Presenter,
+    currents_ua: Mapping[int, int],
+    seconds: float,
+    now_s: Callable[[], float],
+) -> Presentation:
+    """All of it once a second, for so long; the last time."""
+    until_s = now_s() + seconds
+    while True:
+        begun_s = now_s()
+        delivered = presenter.present_whole(currents_ua)
+        rest_s = min(begun_s + _EACH_S, until_s) - now_s()
+        if rest_s > 0.0:
+            presenter.pause(rest_s)
+        if now_s() >= until_s:
+            electrode = delivered.electrode
+            return Presentation(
+                electrode,
+                currents_ua[electrode],
+                delivered.current_ua,
+                delivered.begun_ns,
+                is_whole=True,
+            )
+
+
+def adaptation_of(
+    answers: Sequence[Answer], use_s: float, today: datetime.date
+) -> MeasuredAdaptation:
+    """By the second half of them. Whether it lets answers raise, it says itself."""
+    later = answers[len(answers) // 2 :]
+    return MeasuredAdaptation(
+        answers=len(later),
+        weaker=later.count("weaker"),
+        stronger=later.count("stronger"),
+        use_s=use_s,
+        date=today,
+    )

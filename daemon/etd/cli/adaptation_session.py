@@ -1,0 +1,185 @@
+"""A run of `etd calibrate CODE --adaptation`: all electrodes in use for minutes, and what is felt.
+
+Owns: bringing them up to level 1 first, what is told on the way, what is stored and printed at the
+end. Must not know: names of options, when it is asked and what counts (etd.calibrate), keys.
+
+Nothing of it is saved before its end: it takes a quarter of an hour, and touch recovers in a pause.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+
+from etd.calibrate.adaptation import (
+    QUESTIONS,
+    adaptation_of,
+    before_use,
+    currents_in_use,
+    in_use,
+)
+from etd.calibrate.answers import Answer, Answerer, Presentation
+from etd.calibrate.asking import Presenter
+from etd.calibrate.conditions import check_baseline, check_conditions, check_laws
+from etd.calibrate.course import Course
+from etd.calibrate.modelled import FeltPresenter, ModelledBody
+from etd.calibrate.person import SimulatedPerson
+from etd.cli.arming import ARM_WITHIN_S, armed_for
+from etd.cli.calibrate_added import calibrated_first, otherwise
+from etd.cli.calibrate_conditions import requested_conditions
+from etd.cli.calibrate_result import store, tell_trials
+from etd.cli.calibrate_screen import Screen
+from etd.cli.calibrate_session import SIMULATED_SEED
+from etd.cli.calibrate_stage import stimulator_on
+from etd.cli.keys import keyboard
+from etd.cli.trials_file import TrialsFile, new_trials_path
+from etd.client import Display, clock
+from etd.protocol.adaptation import raises_in_words
+from etd.protocol.errors import FileError
+from etd_hal.compose import wall_time
+
+_OPTION = "--adaptation"
+#: Where nobody sees the questions themselves.
+_TELL_EACH = 10
+_TODO = (
+    "Lay the finger on as for the calibration, after five minutes without stimulation. First all"
+    " electrodes together, up to level 1; then {:g} s in use, at one strength: remember how strong"
+    " it is at first, and leave the finger where it is."
+)
+
+
+class AdaptationSession:
+    """See the module. Raises, when made: FileError, Refused (`bad_calibration`)."""
+
+    def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
+        self._args, self._display, self._which = args, display, which
+        self._is_simulated = args.answers == "simulated"
+        with calibrated_first(_OPTION):
+            self._baseline = display.calibration(args.baseline)
+        conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
+        check_laws(conditions, display.facts.stabilizers, has_baseline=True)
+        check_baseline(conditions, self._baseline, otherwise(_OPTION))
+        self._conditions = conditions
+        self._whole = before_use(conditions, self._baseline)
+        self._screen = Screen(
+            display.facts.array,
+            self._whole,
+            is_quiet=args.json or self._is_simulated,
+            is_blind=args.blind,
+        )
+        folder = Path() if args.out is None else args.out.parent
+        path = new_trials_path(
+            folder, f"{which}-adaptation", conditions.array, wall_time(), args.trials
+        )
+        self._trials = TrialsFile(path, conditions, clock.now_ns, clock.wall_offset_ns)
+        self._answers: list[Answer] = []
+        self._asked = 0
+
+    def run(self) -> None:
+        """Raises: TooStrongInUse, Stopped, NotDelivered, Refused, DaemonGone."""
+        body = ModelledBody()
+        with ExitStack() as stack:
+            stack.callback(self._trials.close)
+            self._say(_TODO.format(self._args.use_s))
+            answerer = self._armed_answerer(stack, body)
+            stimulator = stack.enter_context(
+                stimulator_on(self._display, self._conditions, answerer.wants_stop, body.hear)
+            )
+            stimulator.open()
+            presenter: Presenter = stimulator
+            if self._is_simulated:
+                presenter = FeltPresenter(stimulator, body)
+            self._ask(presenter, answerer)
+
+    def _armed_answerer(self, stack: ExitStack, body: ModelledBody) -> Answerer:
+        """Raises: Stopped, Refused."""
+        if self._is_simulated:
+            self._display.arm(ARM_WITHIN_S)
+            seed = SIMULATED_SEED if self._args.seed is None else self._args.seed
+            return SimulatedPerson(body.sense, seed)
+        keys = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
+        at_once = self._args.board is not None or self._args.arm
+        armed_for(self._display, keys, at_once=at_once)
+        return keys
+
+    def _ask(self, presenter: Presenter, answerer: Answerer) -> None:
+        Course(
+            self._whole,
+            presenter,
+            answerer,
+            lambda: wall_time().date(),
+            baseline=self._baseline,
+            on_presented=self._screen.presented,
+            on_answered=self._trials.answered,
+        ).feel_whole()
+        currents_ua = currents_in_use(self._whole, self._baseline.gamma)
+        if not currents_ua:
+            raise FileError(
+                "the calibration",
+                "electrode",
+                "all together was too strong down to below what is felt on each electrode",
+                "let the skin rest, and calibrate again",
+            )
+        self._say(f"in use, for {self._args.use_s:g} s: remember how strong it is now")
+        self._answers = in_use(
+            presenter,
+            answerer,
+            currents_ua,
+            self._args.use_s,
+            lambda: clock.now_ns() / 1e9,
+            self._presented,
+            self._trials.answered,
+        )
+
+    def _presented(self, presented: Presentation) -> None:
+        self._asked += 1
+        if self._is_simulated and self._asked % _TELL_EACH == 0:
+            self._say(f"{self._asked} of {QUESTIONS} questions")
+        self._screen.presented(presented)
+
+    # --- the result --------------------------------------------------------------------------
+
+    def settle(self) -> int:
+        """Store the calibration with what was found in the daemon."""
+        today = wall_time().date()
+        found = adaptation_of(self._answers, self._args.use_s, today)
+        made = msgspec.structs.replace(self._baseline, adaptation=found)
+        store(self._args, self._display, self._which, made)
+        why_not = found.why_not_in(made.date, today)
+        if self._args.json:
+            answer = {
+                "ok": True,
+                "name": self._which,
+                "adaptation": found,
+                "usable": why_not is None,
+                "why_not": why_not,
+                "trials": self.trials,
+            }
+            print(msgspec.json.encode(answer).decode())
+            return 0
+        print(f"{self._which}: {found.in_words}")
+        print(raises_in_words(why_not))
+        tell_trials(self._args, self.trials)
+        return 0
+
+    @property
+    def trials(self) -> str | None:
+        """The file that they are in, if there were any."""
+        return self._trials.name
+
+    @property
+    def saved_in(self) -> str:
+        """Of this nothing is saved on the way."""
+        return ""
+
+    @property
+    def kept(self) -> str:
+        """What is kept, and how to continue."""
+        return "nothing of it is kept: the same command begins again, after a rest"
+
+    def _say(self, line: str) -> None:
+        print(line, file=sys.stderr if self._args.json else sys.stdout, flush=True)
