@@ -95,17 +95,16 @@ def compared(
         drifts = {each: pool.submit(felt_drift.drift, *each, minutes) for each in fingers}
         plain = {each: pool.submit(play, *each, None, minutes) for each in fingers}
         said = {
-            (each, may_raise): [
-                pool.submit(said_by, *each, manner, minutes, number, may_raise=may_raise)
-                for number in range(persons)
+            each: [
+                pool.submit(said_by, *each, manner, minutes, number) for number in range(persons)
             ]
-            for each, may_raise in product(fingers, ways)
+            for each in fingers
         }
     return [
         _beside(
             body,
             may_raise,
-            [[one.result() for one in said[(body, seed), may_raise]] for seed in seeds],
+            [[one.result() for one in said[body, seed]] for seed in seeds],
             [plain[body, seed].result() for seed in seeds],
             felt_drift.mean_of([drifts[body, seed].result() for seed in seeds]),
         )
@@ -113,25 +112,35 @@ def compared(
     ]
 
 
-def said_by(
-    kind: BodyKind, seed: int, manner: Manner, minutes: float, number: int, *, may_raise: bool
-) -> tuple[Played, bool]:
-    """One person's ten minutes, and whether their answers may raise: where the body site lets them
-    (`may_raise`), if it was measured before that they feel less in use.
+@dataclass(frozen=True)
+class Outcome:
+    """Of one person: as it ships, and where the body site lets answers raise. `may_raise`: it was
+    measured of them, before, that they feel less in use; otherwise both are the same.
     """
-    is_measured = may_raise and felt_adaptation.may_raise(kind, seed, manner, number)
-    return play(kind, seed, manner, minutes, number, may_raise=is_measured), is_measured
+
+    ships: Played
+    raising: Played
+    may_raise: bool
+
+
+def said_by(kind: BodyKind, seed: int, manner: Manner, minutes: float, number: int) -> Outcome:
+    """One person's ten minutes."""
+    ships = play(kind, seed, manner, minutes, number)
+    if not felt_adaptation.may_raise(kind, seed, manner, number):
+        return Outcome(ships, ships, may_raise=False)
+    raising = play(kind, seed, manner, minutes, number, may_raise=True)
+    return Outcome(ships, raising, may_raise=True)
 
 
 def _beside(
     body: BodyKind,
     may_raise: bool,
-    outcomes: Sequence[Sequence[tuple[Played, bool]]],
+    outcomes: Sequence[Sequence[Outcome]],
     plain: Sequence[Played],
     drift: Drift,
 ) -> Compared:
     """`outcomes` by finger and person."""
-    said = [[played for played, _ in persons] for persons in outcomes]
+    said = [[one.raising if may_raise else one.ships for one in persons] for persons in outcomes]
     felt = [number for number, one in enumerate(plain) if not isnan(one.figures.over_time)]
     varied, varied_plain = [said[number] for number in felt], [plain[number] for number in felt]
     of_finger, of_person = _worst_times(varied, varied_plain)
@@ -144,7 +153,7 @@ def _beside(
         of_person,
         drift,
         len(plain) - len(felt),
-        sum(may for persons in outcomes for _, may in persons),
+        sum(may_raise and one.may_raise for persons in outcomes for one in persons),
         sum(map(len, outcomes)),
     )
 

@@ -111,13 +111,11 @@ def play(
     )
 
 
-def finger_of(
-    kind: BodyKind, seed: int, minutes: float = MINUTES, *, from_s: float = CALIBRATED_S
-) -> WholeFinger:
-    """Calibrated electrode by electrode, and then all together; played from `from_s` on."""
+def finger_of(kind: BodyKind, seed: int, minutes: float = MINUTES) -> WholeFinger:
+    """Calibrated electrode by electrode, and then all together."""
     loaded = fake_config(electrodes=ELECTRODES)
     finger = steady_skin.finger(
-        seed, loaded.board, loaded.array, minutes, None, kind, from_s=from_s
+        seed, loaded.board, loaded.array, minutes, None, kind, from_s=CALIBRATED_S
     )
     return felt_whole(finger, seed, loaded, kind, frame_ua)
 

@@ -21,9 +21,12 @@ from etd.calibrate.adaptation import (
     before_use,
     currents_in_use,
     in_use,
+    take_down_from_use,
 )
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Presentation, Question
 from etd.calibrate.person import Felt, ResponseModel, SimulatedPerson
+from etd.calibrate.progress import Progress
+from etd.calibrate.reach import RISE
 from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
 from etd.protocol.calibration import Calibration, current_of_level
@@ -210,6 +213,18 @@ def test_the_levels_in_use_are_of_what_was_accepted_of_all_together() -> None:
     whole.take_down(1.3)
     assert max(currents_in_use(whole, 1.0).values()) < level_ua
     assert currents_in_use(whole, 2.0)[0] > currents_in_use(whole, 1.0)[0]
+
+
+def test_what_was_too_strong_in_use_is_above_level_1_from_then_on() -> None:
+    """A step below, on each electrode, and nothing is accepted any more."""
+    other = replace(FOUND, threshold_ua=500, comfortable_ua=1_800, cap_ua=1_900)
+    whole = Progress(conditions=ROW, found={0: FOUND, 1: other}, is_whole_accepted=True)
+    before_ua = currents_in_use(whole, 1.0)
+    take_down_from_use(whole, 1.0)
+    assert not whole.is_whole_accepted
+    for electrode, limits in whole.found.items():
+        assert limits.cap_ua < before_ua[electrode] or limits.comfortable_ua < before_ua[electrode]
+        assert limits.comfortable_ua <= before_ua[electrode] / RISE + 1
 
 
 @pytest.mark.parametrize("seed", range(5))

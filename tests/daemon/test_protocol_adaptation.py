@@ -26,6 +26,7 @@ ADAPTS = MeasuredAdaptation(answers=20, weaker=12, stronger=2, use_s=600.0, date
 def test_three_of_five_answers_are_enough() -> None:
     assert ADAPTS.why_not_in(DAY, DAY) is None
     assert why_not_raised(ADAPTS, DAY) is None
+    assert replace(ADAPTS, stronger=6).why_not_in(DAY) is None
     assert replace(ADAPTS, use_s=480.0).why_not_in(DAY) is None
     assert ADAPTS.why_not_in(DAY, DAY - datetime.timedelta(days=1)) is None, "midnight elsewhere"
 
@@ -51,6 +52,7 @@ def test_a_file_has_counts_of_answers(count: int) -> None:
         ({"answers": 19, "weaker": 19, "stronger": 0}, "at least 20 answers are needed"),
         ({"use_s": 479.0}, "at least 480 s are needed"),
         ({"weaker": 15, "stronger": 6}, "more than there were"),
+        ({"stronger": 7}, "more than 30% stronger: it goes up and down"),
         ({"date": DAY - datetime.timedelta(days=1)}, "before the calibration that it stands in"),
         ({"date": DAY + datetime.timedelta(days=2)}, "today is 2026-01-15: set the clock"),
     ],

@@ -113,10 +113,12 @@ def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> N
     }
     assert raisers[BodyKind.INDIFFERENT] == 0
     assert raisers[BodyKind.ADAPTING] >= 3
-    site_forbids = said_by(BodyKind.ADAPTING, seed, manner, 1.0, 0, may_raise=False)
-    assert not site_forbids[1]
-    not_measured = said_by(BodyKind.INDIFFERENT, seed, manner, 1.0, 0, may_raise=True)
-    assert not_measured == said_by(BodyKind.INDIFFERENT, seed, manner, 1.0, 0, may_raise=False)
+    adapts = said_by(BodyKind.ADAPTING, seed, manner, 3.0, 0)
+    assert adapts.may_raise
+    assert adapts.raising.figures != adapts.ships.figures
+    stays = said_by(BodyKind.INDIFFERENT, seed, manner, 3.0, 0)
+    assert not stays.may_raise
+    assert stays.raising == stays.ships
 
 
 def harmed(body: BodyKind, plain: Figures, said: Figures, *, may_raise: bool = True) -> Compared:

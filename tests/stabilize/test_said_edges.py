@@ -311,3 +311,15 @@ def test_good_keeps_a_part_of_what_too_weak_has_raised() -> None:
     array.fire(90, 120)
     array.say("good", 120)
     assert array.factor(0, 120) > RISE_A_MINUTE
+
+
+def test_what_one_word_cannot_bring_above_the_frames_own_gives_back() -> None:
+    """Whatever the estimate says after three of them, who has lost a fifth gets it back first."""
+    array = Array()
+    array.fire(0)
+    array.say("too_weak", 0, 0)
+    array.say("too_strong", 3, 0)
+    array.say("too_weak", 6, 0)
+    array.say("too_strong", 9, 0)
+    assert array.say("too_weak", 12, 0) == "gives_back"
+    assert array.factor(0, 12) < 1.0 / RISE_A_MINUTE

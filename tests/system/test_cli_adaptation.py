@@ -6,17 +6,20 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from msgspec.structs import replace
 
 from command_rig import CommandRig, command_rig
-from etd.calibrate.adaptation import QUESTIONS
+from etd.calibrate.adaptation import QUESTIONS, USE_LEVEL
 from etd.files import resources
-from etd.files.calibration import load_calibration
+from etd.files.calibration import load_calibration, to_toml
+from etd.protocol.calibration import current_of_level
+from terminal_rig import AtTerminal
 
 pytestmark = pytest.mark.slow
 
 BASELINE = "fake-fingertip-pad-8"
 IN_USE = ("calibrate", "fake", "--adaptation", "--baseline", BASELINE, "--as", "A01")
-ON_FAKE = ("--board", "fake", "--array", "pad-8", "--answers", "simulated")
+ON_FAKE = ("--board", "fake", "--answers", "simulated")
 
 
 @pytest.fixture
@@ -26,7 +29,9 @@ def rig() -> Iterator[CommandRig]:
 
 
 def test_what_use_does_is_added_to_a_calibration(rig: CommandRig) -> None:
-    """In the least time that there is, so that it is told why it does not count."""
+    """In the least time that there is, so that it is told why it does not count. The fake has the
+    array of the calibration.
+    """
     out, trials = rig.folder / "A01.toml", rig.folder / "A01.tsv"
     files = ("--out", str(out), "--trials", str(trials))
     told = rig.run(*IN_USE, *ON_FAKE, "--use-s", str(QUESTIONS), *files, "--json")
@@ -56,7 +61,60 @@ def test_an_interruption_keeps_nothing_and_says_so(rig: CommandRig) -> None:
     at.process.send_signal(signal.SIGINT)
     said = at.ended()
     assert said.status == 130, said.err
-    assert "nothing of it is kept: the same command begins again, after a rest" in said.err
+    assert "nothing that was asked is kept: the same command begins again, after a rest" in said.err
+
+
+class Wearer:
+    """Keys at a terminal, each after its question."""
+
+    def __init__(self, at: AtTerminal) -> None:
+        self._at = at
+
+    def answer(self, question: str, *keys: str) -> None:
+        for key in keys:
+            self._at.command.line_with(question, "stdout")
+            self._at.press(key.encode())
+            if key == "t":
+                self._at.command.line_with("Was it so? t again", "stdout")
+                self._at.press(b"t")
+
+
+def test_what_is_too_strong_in_use_takes_the_levels_down_for_good(rig: CommandRig) -> None:
+    """And what was measured before is of levels that do not hold any more."""
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    with rig.daemon("--array", "pad-8"):
+        at = AtTerminal(rig, *IN_USE, "--arm", "--use-s", str(QUESTIONS))
+        try:
+            wearer = Wearer(at)
+            wearer.answer("How strong was all of it together?", *"fffffffff")
+            wearer.answer("Is it as strong as at first?", "s", "t")
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert said.status == 1, said.err
+        assert "it was too strong after 2 s of use, so nothing was measured" in said.err
+        assert "all electrodes at once were too strong" in said.err
+        assert "A01 is stored so" in said.err
+        exported = rig.folder / "A01.toml"
+        assert rig.run("calibration", "export", "A01", str(exported)).status == 0
+    after = load_calibration(exported)
+    assert after.adaptation is None
+    for was, now in zip(before.electrode, after.electrode, strict=True):
+        level_ua = current_of_level(was, USE_LEVEL, before.gamma)
+        assert now.comfortable_ua < level_ua or now.comfortable_ua == now.threshold_ua
+        assert now.cap_ua < was.cap_ua
+
+
+def test_a_calibration_of_which_nothing_was_felt_is_refused_before_arming(rig: CommandRig) -> None:
+    made = load_calibration(resources.find("calibrations", BASELINE))
+    unfelt = tuple(replace(one, felt=False) for one in made.electrode)
+    path = rig.folder / "NF.toml"
+    path.write_text(to_toml(replace(made, electrode=unfelt)))
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "NF").status == 0
+        told = rig.run("calibrate", "fake", "--adaptation", "--baseline", "NF", "--as", "A02")
+        assert told.status == 2
+        assert "no electrode of NF was felt" in told.err
 
 
 def test_it_is_added_to_what_there_is_and_it_is_said_where_there_is_none(rig: CommandRig) -> None:

@@ -8,8 +8,8 @@ Touch adapts to use (thresholds up by 60 to 270 % in a quarter of an hour: Kaczm
 and the skin changes meanwhile. Both are what somebody feels less by, so they are not told apart;
 and it is asked as it is said later, of all together, since thresholds that are asked one after
 another take minutes in which touch recovers. All are shown at a level that a picture might have,
-once a second, after all together were brought up to level 1 as at the end of a calibration: what
-is too strong takes all of them down first.
+once a second, after the finger has lain for a while and all together were brought up to level 1 as
+at the end of a calibration. What is too strong, on the way there or later, takes all of them down.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question
 from etd.calibrate.asking import Presenter
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.progress import Progress
+from etd.calibrate.reach import RISE
 from etd.calibrate.trial import Stopped
 from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import Calibration, current_of_level
@@ -30,6 +31,9 @@ from etd.protocol.errors import EtdError
 #: In use for so long, and asked so often meanwhile.
 USE_S: Final = 600.0
 QUESTIONS: Final = 40
+#: Before that the finger lies still, for this part of it: most of the sweat comes then, which is
+#: not what use does.
+LIES_PART: Final = 0.3
 #: Of a picture, and how often all of it comes.
 USE_LEVEL: Final = 0.6
 _EACH_S: Final = 1.0
@@ -40,15 +44,19 @@ class TooStrongInUse(EtdError):
 
     def __init__(self, used_s: float) -> None:
         self.used_s = used_s
-        super().__init__(
-            f"it was too strong after {used_s:.0f} s of use, so nothing was measured: let the skin"
-            " rest, and calibrate again before anything else"
-        )
+        super().__init__(f"it was too strong after {used_s:.0f} s of use, so nothing was measured")
 
 
 def before_use(conditions: Conditions, baseline: Calibration) -> Progress:
     """Of a course that brings the whole array up to level 1, before it is in use."""
     return Progress(conditions=conditions, found=dict(enumerate(baseline.electrode)))
+
+
+def take_down_from_use(accepted: Progress, gamma: float) -> None:
+    """What was in use was too strong: level 1 is a step below that now."""
+    in_use_ua, level_1_ua = currents_in_use(accepted, gamma), accepted.level_1_ua
+    accepted.take_down(RISE * max(level_1_ua[one] / ua for one, ua in in_use_ua.items()))
+    accepted.is_whole_accepted = False
 
 
 def currents_in_use(accepted: Progress, gamma: float) -> dict[int, int]:

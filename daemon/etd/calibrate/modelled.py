@@ -6,7 +6,7 @@ Real boards do not send it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from etd.calibrate.asking import Presenter
 from etd.calibrate.person import Felt
@@ -23,13 +23,18 @@ class ModelledBody:
     def __init__(self) -> None:
         self._electrode: int | None = None
         self._felt: dict[int, Felt] = {}
+        #: Which are presented now, and the strongest that each was felt.
+        self._presented: dict[int, float] = {}
         #: The most pain, of any electrode, that any presentation came to; 1 hurts.
         self.most_pain = 0.0
 
-    def begin(self, electrode: int) -> None:
-        """What comes now is of this electrode's presentation."""
+    def begin(self, electrode: int, among: Iterable[int] = ()) -> None:
+        """What comes now is of this electrode's presentation; where all of `among` are presented at
+        once, of their mean: it stands for them.
+        """
         self._electrode = electrode
         self._felt[electrode] = Felt(0.0, 0.0)
+        self._presented = dict.fromkeys((*among, electrode), 0.0)
 
     def end(self) -> None:
         self._electrode = None
@@ -40,9 +45,10 @@ class ModelledBody:
             return
         before, pain = self._felt[electrode], max(report.pain)
         self.most_pain = max(self.most_pain, pain)
-        self._felt[electrode] = Felt(
-            max(before.strength, report.felt[electrode]), max(before.pain, pain)
-        )
+        for each, strongest in self._presented.items():
+            self._presented[each] = max(strongest, report.felt[each])
+        strength = sum(self._presented.values()) / len(self._presented)
+        self._felt[electrode] = Felt(strength, max(before.pain, pain))
 
     def sense(self, electrode: int) -> Felt:
         """Of the last presentation there."""
@@ -69,7 +75,7 @@ class FeltPresenter:
         return delivered
 
     def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
-        self._body.begin(max(currents_ua, key=currents_ua.__getitem__))
+        self._body.begin(max(currents_ua, key=currents_ua.__getitem__), currents_ua)
         try:
             delivered = self._presenter.present_whole(currents_ua)
             self._presenter.pause(_REPORTED_WITHIN_S)

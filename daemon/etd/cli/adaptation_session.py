@@ -3,7 +3,8 @@
 Owns: bringing them up to level 1 first, what is told on the way, what is stored and printed at the
 end. Must not know: names of options, when it is asked and what counts (etd.calibrate), keys.
 
-Nothing of it is saved before its end: it takes a quarter of an hour, and touch recovers in a pause.
+No answer is saved before its end: it takes a quarter of an hour, and touch recovers in a pause.
+What was too strong is stored at once, in the levels.
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ from pathlib import Path
 import msgspec
 
 from etd.calibrate.adaptation import (
+    LIES_PART,
     QUESTIONS,
+    TooStrongInUse,
     adaptation_of,
     before_use,
     currents_in_use,
     in_use,
+    take_down_from_use,
 )
-from etd.calibrate.answers import Answer, Answerer, Presentation
+from etd.calibrate.answers import Answer, Answerer, Ask, Presentation
 from etd.calibrate.asking import Presenter
 from etd.calibrate.conditions import check_baseline, check_conditions, check_laws
 from etd.calibrate.course import Course
@@ -37,18 +41,24 @@ from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.keys import keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
+from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
-from etd.protocol.adaptation import raises_in_words
-from etd.protocol.errors import FileError
+from etd.protocol.adaptation import MeasuredAdaptation, raises_in_words
+from etd.protocol.calibration import Calibration
+from etd.protocol.errors import EtdError, FileError
 from etd_hal.compose import wall_time
 
 _OPTION = "--adaptation"
 #: Where nobody sees the questions themselves.
 _TELL_EACH = 10
 _TODO = (
-    "Lay the finger on as for the calibration, after five minutes without stimulation. First all"
-    " electrodes together, up to level 1; then {:g} s in use, at one strength: remember how strong"
-    " it is at first, and leave the finger where it is."
+    "Lay the finger on as for the calibration, after five minutes without stimulation, and leave it"
+    " where it is. It lies for {:g} s; then all electrodes together, up to level 1; then {:g} s in"
+    " use, at one strength: remember how strong it is at first."
+)
+_SITE_FORBIDS = (
+    "at body site {} nobody's word raises (felt_may_raise = false): what is found is kept, and"
+    " nothing follows of it here"
 )
 
 
@@ -65,6 +75,13 @@ class AdaptationSession:
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
         self._conditions = conditions
         self._whole = before_use(conditions, self._baseline)
+        if not self._whole.level_1_ua:
+            raise FileError(
+                "the calibration",
+                "electrode",
+                f"no electrode of {args.baseline} was felt",
+                "calibrate again: nothing can be shown of it",
+            )
         self._screen = Screen(
             display.facts.array,
             self._whole,
@@ -78,13 +95,16 @@ class AdaptationSession:
         self._trials = TrialsFile(path, conditions, clock.now_ns, clock.wall_offset_ns)
         self._answers: list[Answer] = []
         self._asked = 0
+        self._last_whole: Answer | None = None
 
     def run(self) -> None:
-        """Raises: TooStrongInUse, Stopped, NotDelivered, Refused, DaemonGone."""
-        body = ModelledBody()
+        """Raises: Stopped, NotDelivered, Refused, DaemonGone, FileError."""
+        body, use_s = ModelledBody(), self._args.use_s
         with ExitStack() as stack:
             stack.callback(self._trials.close)
-            self._say(_TODO.format(self._args.use_s))
+            if not self._display.facts.felt_may_raise:
+                self._say(_SITE_FORBIDS.format(self._display.facts.body_site))
+            self._say(_TODO.format(LIES_PART * use_s, use_s))
             answerer = self._armed_answerer(stack, body)
             stimulator = stack.enter_context(
                 stimulator_on(self._display, self._conditions, answerer.wants_stop, body.hear)
@@ -93,7 +113,13 @@ class AdaptationSession:
             presenter: Presenter = stimulator
             if self._is_simulated:
                 presenter = FeltPresenter(stimulator, body)
-            self._ask(presenter, answerer)
+            presenter.pause(LIES_PART * use_s)
+            try:
+                self._feel_whole(presenter, answerer)
+                self._use(presenter, answerer)
+            except BaseException:
+                self._store_if_taken_down()
+                raise
 
     def _armed_answerer(self, stack: ExitStack, body: ModelledBody) -> Answerer:
         """Raises: Stopped, Refused."""
@@ -106,7 +132,8 @@ class AdaptationSession:
         armed_for(self._display, keys, at_once=at_once)
         return keys
 
-    def _ask(self, presenter: Presenter, answerer: Answerer) -> None:
+    def _feel_whole(self, presenter: Presenter, answerer: Answerer) -> None:
+        """Up to level 1; what is too strong takes all down."""
         Course(
             self._whole,
             presenter,
@@ -114,31 +141,40 @@ class AdaptationSession:
             lambda: wall_time().date(),
             baseline=self._baseline,
             on_presented=self._screen.presented,
-            on_answered=self._trials.answered,
+            on_answered=self._whole_answered,
         ).feel_whole()
-        currents_ua = currents_in_use(self._whole, self._baseline.gamma)
-        if not currents_ua:
-            raise FileError(
-                "the calibration",
-                "electrode",
-                "all together was too strong down to below what is felt on each electrode",
-                "let the skin rest, and calibrate again",
+        if not currents_in_use(self._whole, self._baseline.gamma):
+            raise _not_as_calibrated(
+                "all together was too strong down to below what is felt on each electrode"
             )
+        if self._last_whole == "not_felt":
+            raise _not_as_calibrated("all electrodes together are not felt at level 1")
+
+    def _whole_answered(self, presented: Presentation, ask: Ask, answer: Answer | None) -> None:
+        self._last_whole = answer
+        self._trials.answered(presented, ask, answer)
+
+    def _use(self, presenter: Presenter, answerer: Answerer) -> None:
         self._say(f"in use, for {self._args.use_s:g} s: remember how strong it is now")
-        self._answers = in_use(
-            presenter,
-            answerer,
-            currents_ua,
-            self._args.use_s,
-            lambda: clock.now_ns() / 1e9,
-            self._presented,
-            self._trials.answered,
-        )
+        gamma = self._baseline.gamma
+        try:
+            self._answers = in_use(
+                presenter,
+                answerer,
+                currents_in_use(self._whole, gamma),
+                self._args.use_s,
+                lambda: clock.now_ns() / 1e9,
+                self._presented,
+                self._trials.answered,
+            )
+        except TooStrongInUse:
+            take_down_from_use(self._whole, gamma)
+            raise
 
     def _presented(self, presented: Presentation) -> None:
         self._asked += 1
-        if self._is_simulated and self._asked % _TELL_EACH == 0:
-            self._say(f"{self._asked} of {QUESTIONS} questions")
+        if not self._is_simulated or self._asked % _TELL_EACH == 0:
+            self._screen.advise(f"question {self._asked} of {QUESTIONS}")
         self._screen.presented(presented)
 
     # --- the result --------------------------------------------------------------------------
@@ -147,7 +183,8 @@ class AdaptationSession:
         """Store the calibration with what was found in the daemon."""
         today = wall_time().date()
         found = adaptation_of(self._answers, self._args.use_s, today)
-        made = msgspec.structs.replace(self._baseline, adaptation=found)
+        made = self._made(found)
+        self._tell_taken_down()
         store(self._args, self._display, self._which, made)
         why_not = found.why_not_in(made.date, today)
         if self._args.json:
@@ -166,6 +203,34 @@ class AdaptationSession:
         tell_trials(self._args, self.trials)
         return 0
 
+    def _made(self, found: MeasuredAdaptation | None) -> Calibration:
+        """The levels are those that were accepted now."""
+        return msgspec.structs.replace(
+            self._baseline,
+            electrode=tuple(self._whole.found[one] for one in sorted(self._whole.found)),
+            is_whole_accepted=self._whole.is_whole_accepted or None,
+            adaptation=found,
+        )
+
+    def _store_if_taken_down(self) -> None:
+        """However it ends: what was too strong must not come again, and what was measured before is
+        of other levels. Otherwise the calibration stays as it is. Nothing is presented any more.
+        """
+        if not self._tell_taken_down():
+            return
+        try:
+            self._display.set_calibration(self._which, self._made(None))
+        except EtdError as error:
+            print(f"etd: it could not be stored: {error}", file=sys.stderr, flush=True)
+
+    def _tell_taken_down(self) -> bool:
+        """Whether anything was."""
+        before_ua = before_use(self._conditions, self._baseline).level_1_ua
+        said = said_of_whole(before_ua, self._whole)
+        if said is not None:
+            print(f"{said}: {self._which} is stored so", file=sys.stderr, flush=True)
+        return said is not None
+
     @property
     def trials(self) -> str | None:
         """The file that they are in, if there were any."""
@@ -179,7 +244,11 @@ class AdaptationSession:
     @property
     def kept(self) -> str:
         """What is kept, and how to continue."""
-        return "nothing of it is kept: the same command begins again, after a rest"
+        return "nothing that was asked is kept: the same command begins again, after a rest"
 
     def _say(self, line: str) -> None:
         print(line, file=sys.stderr if self._args.json else sys.stdout, flush=True)
+
+
+def _not_as_calibrated(why: str) -> FileError:
+    return FileError("the calibration", "electrode", why, "let the skin rest, and calibrate again")

@@ -17,7 +17,7 @@ from etd.protocol.errors import DaemonGone, Refused
 
 
 def calibration_of(name: str, which: str) -> Calibration | None:
-    """The calibration `which` of the daemon `name`; None if it has none.
+    """The calibration `which` of the daemon `name`, or the shipped one; None if there is none.
 
     Raises: FileError for a name that cannot be one, or a file that is none.
     """
@@ -26,9 +26,9 @@ def calibration_of(name: str, which: str) -> Calibration | None:
         with Display(name) as display:
             return display.calibration(which)
     except DaemonGone:
-        return _stored(name, which)
+        return _stored(name, which) or _shipped(which)
     except Refused:
-        return None
+        return _shipped(which)
 
 
 def array_of(calibration: Calibration | None) -> str | None:
@@ -58,6 +58,12 @@ def lend(
                 f" ({', '.join(there) or 'none is'})",
             )
         private.set_calibration(which, calibration)
+
+
+def _shipped(which: str) -> Calibration | None:
+    if which not in resources.names("calibrations"):
+        return None
+    return load_calibration(resources.find("calibrations", which))
 
 
 def _stored(name: str, which: str) -> Calibration | None:

@@ -32,6 +32,8 @@ _ASKED = {
 }
 
 
+_IN_USE = "; in use again: SPACE STOPs it, other keys count when it asks"
+_FOLLOWS = {"in_use": _IN_USE, "sure_in_use": _IN_USE}
 #: With which question they are not on their way to level 1.
 _WHOLE = {"in_use": ", in use", "sure_in_use": ", in use"}
 
@@ -91,7 +93,8 @@ class Screen:
             is_asked_again = answer == "too_strong" and self._ask not in ("sure", "sure_in_use")
             is_first_of_two = self._ask == "quality"
             ends = answer in ("first", "both", "neither") or is_asked_again or is_first_of_two
-            follows = "" if ends else "; next presentation"
+            ends = ends or (answer, self._ask) == ("too_strong", "sure_in_use")
+            follows = "" if ends else _FOLLOWS.get(self._ask or "", "; next presentation")
             print(f"   {answer.replace('_', ' ')}{follows}", flush=True)
 
     def found(self) -> None:

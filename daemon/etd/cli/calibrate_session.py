@@ -36,9 +36,10 @@ from etd.cli.calibrate_result import same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
-from etd.cli.doubts import doubts_of, drift_in_words, said_of_caps
+from etd.cli.doubts import doubts_of, drift_in_words
 from etd.cli.keys import keyboard
 from etd.cli.trials_file import TrialsFile, new_trials_path
+from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED, Calibration
@@ -149,7 +150,7 @@ class CalibrateSession:
                 file=sys.stderr,
             )
         finally:
-            if (said := _said_of_whole(before_ua, self._progress)) is not None:
+            if (said := said_of_whole(before_ua, self._progress)) is not None:
                 print(said, file=sys.stderr, flush=True)
 
     def settle(self) -> int:
@@ -270,21 +271,6 @@ class CalibrateSession:
         if self._args.out is None:
             return "the fake's daemon ends now and discards it: --out FILE stores a copy"
         return f"stored in {self._args.out}"
-
-
-def _said_of_whole(before_ua: dict[int, int], progress: Progress) -> str | None:
-    """What all electrodes at once have changed of the levels that each had alone."""
-    after_ua = progress.level_1_ua
-    left = [after_ua.get(electrode, 0) / ua for electrode, ua in before_ua.items()]
-    if all(part >= 1.0 for part in left):
-        return None
-    kept = [part for part in left if part > 0.0]
-    levels = f"their levels and caps are {min(kept):.0%}" if kept else "no level is left"
-    below = said_of_caps(progress.below_threshold)
-    return (
-        f"all electrodes at once were too strong: {levels} of what each was alone"
-        f"{f'; {below}' if below else ''}"
-    )
 
 
 def _rest_after(drift: float, is_least: bool) -> str:

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from typing import TextIO
 
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
+from etd.protocol.errors import FileError
 
 KEYS: dict[str, Answer] = {
     "n": "not_felt",
@@ -135,7 +136,13 @@ class Keyboard:
 def keyboard(
     show: Callable[[Question], None], heard: Callable[[Answer | None], None]
 ) -> Iterator[Keyboard]:
-    """Keys of the terminal, without Enter; of a pipe where there is no terminal."""
+    """Keys of the terminal, without Enter; of a pipe where there is no terminal. Raises: FileError,
+    where there is neither.
+    """
+    if sys.stdin is None:
+        raise FileError(
+            "the standard input", "", "it is closed, so no key can be pressed", "use a terminal"
+        )
     fd = sys.stdin.fileno()
     with key_by_key(fd):
         yield Keyboard(fd, show, heard)

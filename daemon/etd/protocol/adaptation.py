@@ -16,6 +16,9 @@ from msgspec import Meta
 #: feels it as at first, and errs one time of five to either side, says it so often by a chance of
 #: 0.0000001; who feels less and errs as often, by one of 0.99.
 LEAST_WEAKER, LEAST_ANSWERS = 0.6, 20
+#: Who says *stronger* more often than this says something else than that it is felt less; who errs
+#: as often as that does so by a chance of 0.002.
+MOST_STRONGER = 0.3
 #: In less than eight minutes half of what matters may not have come yet: adaptation takes a quarter
 #: of an hour (Kaczmarek 2000 [abs]).
 LEAST_USE_S = 480.0
@@ -58,6 +61,8 @@ class MeasuredAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             return f"at least {LEAST_USE_S:g} s are needed"
         if self.weaker < LEAST_WEAKER * self.answers:
             return f"below {LEAST_WEAKER:.0%} weaker, nothing has to be made up for"
+        if self.stronger > MOST_STRONGER * self.answers:
+            return f"more than {MOST_STRONGER:.0%} stronger: it goes up and down"
         if self.date < calibrated:
             return (
                 f"it is of {self.date}, before the calibration that it stands in, of {calibrated}:"

@@ -285,7 +285,8 @@ class FeltOffsets:
             )
             is_lowered = is_lowered or electrode.offset < before
             if target > before:
-                rising.append(target)
+                # One word lets it rise by no more than that.
+                rising.append(min(target, before + _RISE_LOG))
         if is_lowered:
             return "lowered"
         if not rising:
