@@ -34,7 +34,7 @@ from bench.felt_play import MINUTES, Played, play
 from bench.run import Bound
 from etd_body.kinds import BodyKind
 
-PERSONS = 3
+PERSONS = 4
 #: Of no answers': the variation over time on every body, and where the drift is common to all.
 MOST_TIMES, MOST_TIMES_COMMON = 1.05, 0.8
 
