@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from calibrate_scenes import FOUND, ROW
 from etd.calibrate.adaptation import (
+    LIES_PART,
     QUESTIONS,
     USE_S,
     TooStrongInUse,
@@ -121,6 +122,10 @@ def test_every_duration_is_used_whole(use_s: float) -> None:
     assert use_s - 1e-6 <= used_s <= use_s + QUESTIONS * SHOWN_S
 
 
+def test_the_finger_lies_for_a_part_of_the_time_that_it_is_in_use_for() -> None:
+    assert LIES_PART * USE_S == 180.0
+
+
 def test_a_presentation_that_takes_its_whole_second_is_followed_at_once() -> None:
     skin = UsedSkin(shown_s=1.0)
     asked(skin, ["same"], 2.0 * QUESTIONS)
@@ -223,8 +228,9 @@ def test_what_was_too_strong_in_use_is_above_level_1_from_then_on() -> None:
     take_down_from_use(whole, 1.0)
     assert not whole.is_whole_accepted
     for electrode, limits in whole.found.items():
-        assert limits.cap_ua < before_ua[electrode] or limits.comfortable_ua < before_ua[electrode]
         assert limits.comfortable_ua <= before_ua[electrode] / RISE + 1
+    nearest = max(limits.comfortable_ua / before_ua[one] for one, limits in whole.found.items())
+    assert nearest == pytest.approx(1.0 / RISE, rel=0.01), "a step, and no more than that"
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -323,3 +323,35 @@ def test_what_one_word_cannot_bring_above_the_frames_own_gives_back() -> None:
     array.say("too_strong", 9, 0)
     assert array.say("too_weak", 12, 0) == "gives_back"
     assert array.factor(0, 12) < 1.0 / RISE_A_MINUTE
+
+
+def test_good_of_a_small_fall_that_is_not_expected_gives_back_the_frames_own() -> None:
+    """And no more, though *too weak* was said before."""
+    array = Array()
+    array.fire(0)
+    array.say("too_weak", 0)
+    array.fire(30, 61)
+    array.say("too_strong", 61)
+    array.fire(90, 122)
+    array.say("too_strong", 122)
+    assert array.factor(0, 122) < 1.0
+    array.fire(150, 190)
+    array.say("good", 190)
+    array.fire(*range(190, 280, 10))
+    assert array.factor(0, 280) == 1.0
+
+
+def test_what_is_said_of_all_where_nothing_was_fired_is_about_the_frames_own() -> None:
+    """As where all were fired at it."""
+    left = []
+    for was_fired in (False, True):
+        array = Array()
+        if was_fired:
+            array.fire(0)
+        array.say("too_strong", 0)
+        for at_s in (61, 92, 123):
+            array.fire(at_s)
+            array.say("too_weak", at_s)
+        array.fire(*range(123, 213, 10))
+        left.append(array.factor(0, 212))
+    assert left[0] == left[1] > 1.0
