@@ -20,7 +20,7 @@ import numpy as np
 from bench import steady_skin
 from bench.felt_person import EXPONENT, Manner, Person, times_wanted, wanted_strength
 from bench.felt_whole import APART_NS, WholeFinger, felt_whole, pulse
-from bench.steady_figures import SteadyFigures, figures
+from bench.steady_figures import SteadyFigures, figures, firm_of
 from bench.steady_run import Kept
 from bench.steady_skin import CALIBRATED_S, Finger
 from etd.files.configuration import fake_config
@@ -78,13 +78,16 @@ class Said:
 
 @dataclass(frozen=True)
 class Played:
-    """What came out of one finger. The last two: the part of the scans that their person would
-    call so, without errors.
+    """What came out of one finger. `too_strong`, `too_weak`: the part of the scans that their
+    person would call so, without errors. By electrode, while its contact is firm: `variation` over
+    time, of its mean (infinite where nothing is felt), and in which part of the scans it is felt.
     """
 
     figures: SteadyFigures
     too_strong: float
     too_weak: float
+    variation: tuple[float, ...]
+    felt_part: tuple[float, ...]
 
 
 def play(
@@ -108,7 +111,18 @@ def play(
         figures("nothing said" if manner is None else "said", [kept]),
         judged.count("too_strong") / len(judged),
         judged.count("too_weak") / len(judged),
+        *_by_electrode(kept),
     )
+
+
+def _by_electrode(kept: Kept) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Variation, and the part of the scans that is felt."""
+    firm = firm_of(kept)
+    felt = np.where(firm, kept.felt, np.nan)[:, firm.any(axis=0)]
+    mean, is_felt = np.nanmean(felt, axis=0), np.nanmax(felt, axis=0) > 0.0
+    varied = np.where(is_felt, np.nanstd(felt, axis=0) / np.where(is_felt, mean, 1.0), np.inf)
+    part = np.nansum(felt > 0.0, axis=0) / (~np.isnan(felt)).sum(axis=0)
+    return tuple(map(float, varied)), tuple(map(float, part))
 
 
 def finger_of(kind: BodyKind, seed: int, minutes: float = MINUTES) -> WholeFinger:
