@@ -36,7 +36,7 @@ from bench.felt_play import MINUTES, Played, play
 from bench.run import Bound
 from etd_body.kinds import BodyKind
 
-PERSONS = 4
+PERSONS = 3
 #: An electrode that is felt less often without answers has no variation [design].
 LEAST_FELT = 0.05
 #: Of no answers': the variation over time on every body, and where the drift is common to all.

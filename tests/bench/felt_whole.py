@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from bench.felt_person import EXPONENT, Manner, Person, times_wanted, wanted_strength
 from bench.steady_skin import (
@@ -33,6 +33,7 @@ from etd.calibrate.answers import Answer, Question
 from etd.calibrate.course import Course
 from etd.calibrate.progress import Progress
 from etd.calibrate.stimulator import Delivered
+from etd.calibrate.trial import Unsettled
 from etd.files.configuration import LoadedConfig
 from etd.protocol.calibration import Calibration
 from etd_body.interface import Side, Sides
@@ -72,9 +73,13 @@ def felt_whole(
         found=dict(enumerate(alone.electrode)),
         seed=seed,
     )
-    Course(progress, array, _Whole(array, alone), lambda: alone.date).feel_whole()
+    try:
+        Course(progress, array, _Whole(array, alone), lambda: alone.date).feel_whole()
+    except Unsettled:
+        # The command ends without a calibration, so nothing is shown.
+        progress.found = {one: replace(each, felt=False) for one, each in progress.found.items()}
     accepted = tuple(progress.found[one] for one in range(len(alone.electrode)))
-    calibration = msgspec.structs.replace(alone, electrode=accepted)
+    calibration = replace(alone, electrode=accepted)
     given = {field.name: getattr(finger, field.name) for field in fields(Finger)}
     given["calibration"] = calibration
     return WholeFinger(**given, among=array.among(frame_of(calibration)))
