@@ -79,7 +79,7 @@ class _Used:
         raise AssertionError("all of them are in use")
 
     def stop(self) -> None:
-        raise AssertionError("nobody stops")
+        raise AssertionError("this person does not stop it")
 
 
 class _Remembers:

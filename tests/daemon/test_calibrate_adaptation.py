@@ -233,6 +233,15 @@ def test_what_was_too_strong_in_use_is_above_level_1_from_then_on() -> None:
     assert nearest == pytest.approx(1.0 / RISE, rel=0.01), "a step, and no more than that"
 
 
+def test_an_electrode_without_a_level_1_is_not_in_use() -> None:
+    none = replace(FOUND, threshold_ua=0, comfortable_ua=0, cap_ua=10)
+    least = replace(FOUND, threshold_ua=0, comfortable_ua=1, cap_ua=10)
+    whole = Progress(conditions=ROW, found={0: none, 1: least})
+    assert currents_in_use(whole, 1.0) == {1: 1}
+    take_down_from_use(whole, 1.0)
+    assert whole.found[1].cap_ua < 10
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(("falls_to", "raises"), [(1.0, False), (0.95, False), (0.5, True)])
 def test_a_simulated_person_says_what_their_skin_does(

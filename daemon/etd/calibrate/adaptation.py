@@ -5,7 +5,7 @@ Owns: what is shown, when it is asked, and which answers count. Must not know: t
 what it is good for, when it lets answers raise (etd.protocol.adaptation).
 
 Touch adapts to use (thresholds up by 60 to 270 % in a quarter of an hour: Kaczmarek 2000 [abs]),
-and the skin changes meanwhile. Both are what somebody feels less by, so they are not told apart;
+and the skin changes meanwhile. Both weaken what is felt, so they are not told apart;
 and it is asked as it is said later, of all together, since thresholds that are asked one after
 another take minutes in which touch recovers. All are shown at a level that a picture might have,
 once a second, after the finger has lain for a while and all together were brought up to level 1 as
@@ -60,11 +60,10 @@ def take_down_from_use(accepted: Progress, gamma: float) -> None:
 
 
 def currents_in_use(accepted: Progress, gamma: float) -> dict[int, int]:
-    """In uA, by electrode: of the levels that were accepted of all together."""
+    """In uA, by electrode that has a level 1: of the levels that were accepted of all together."""
     return {
-        electrode: current_of_level(limits, USE_LEVEL, gamma)
-        for electrode, limits in accepted.found.items()
-        if limits.felt
+        electrode: max(1, current_of_level(accepted.found[electrode], USE_LEVEL, gamma))
+        for electrode in accepted.level_1_ua
     }
 
 

@@ -49,7 +49,7 @@ from etd.protocol.errors import EtdError, FileError
 from etd_hal.compose import wall_time
 
 _OPTION = "--adaptation"
-#: Where nobody sees the questions themselves.
+#: Simulated answers are not shown one by one.
 _TELL_EACH = 10
 _TODO = (
     "Lay the finger on as for the calibration, after five minutes without stimulation, and leave it"
@@ -57,8 +57,8 @@ _TODO = (
     " use, at one strength: remember how strong it is at first."
 )
 _SITE_FORBIDS = (
-    "at body site {} nobody's word raises (felt_may_raise = false): what is found is kept, and"
-    " nothing follows of it here"
+    "body site {} lets no answer raise a level (felt_may_raise = false): what is found is stored,"
+    " and changes nothing here"
 )
 
 
