@@ -7,6 +7,7 @@ hand. Must not know: how a figure is made, which bound a body has.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isnan
 from pathlib import Path
 from textwrap import fill
 
@@ -37,6 +38,12 @@ def _pair(plain: float, said: float, digits: int = 0) -> str:
 _ROWS: dict[str, Callable[[Compared], str]] = {
     "bound": lambda each: f"{each.bound:g}",
     "variation, times that without answers": lambda each: _times(each.variation_times, each),
+    "its standard error, over fingers": lambda each: (
+        "-" if isnan(each.standard_error) else f"{each.standard_error:.3f}"
+    ),
+    "fingers, persons of each": lambda each: (
+        f"{each.fingers}, {each.persons // max(each.fingers, 1)}"
+    ),
     "the worst of these fingers": lambda each: _times(each.worst_times, each),
     "the worst person": lambda each: _times(each.worst_person_times, each),
     "variation without, with": lambda each: _pair(each.plain.variation, each.said.variation),
@@ -99,7 +106,7 @@ def _table(found: Sequence[Compared], rows: dict[str, Callable[[Compared], str]]
 def table(found: Sequence[Compared], title: str) -> Table:
     """A body to a line."""
     made = Table(title=title)
-    for heading in ("", "may raise", "variation", "times", "finger", "person", "bound"):
+    for heading in ("", "may raise", "variation", "times", "error", "finger", "person", "bound"):
         made.add_column(heading, justify="right")
     for heading in (
         "not felt",
@@ -119,6 +126,7 @@ def table(found: Sequence[Compared], title: str) -> Table:
             f"{each.raisers} of {each.persons}",
             f"{said.variation:.1%} ({plain.variation:.1%})",
             f"{'[red]' if each.variation_times > each.bound else ''}{each.variation_times:.2f}",
+            "-" if isnan(each.standard_error) else f"{each.standard_error:.3f}",
             f"{each.worst_times:.2f}",
             f"{each.worst_person_times:.2f}",
             f"{each.bound:g}",
@@ -129,8 +137,9 @@ def table(found: Sequence[Compared], title: str) -> Table:
             *(f"{it:.0%}" for it in (drift.drift, drift.size, drift.moments, drift.own)),
         )
     made.caption = (
-        "in brackets: without answers. Finger, person: the worst of them. Drift, moments: parts of"
-        " the variance without answers that are common to all electrodes; own: each one's. Size: of"
-        " the drift, of the current that would make up for it"
+        "in brackets: without answers. Error: the standard error of times, over fingers. Finger,"
+        " person: the worst of them. Drift, moments: parts of the variance without answers that are"
+        " common to all electrodes; own: each one's. Size: of the drift, of the current that would"
+        " make up for it"
     )
     return made

@@ -23,7 +23,13 @@ import msgspec  # noqa: E402
 from rich.console import Console  # noqa: E402
 
 from bench import felt_docs, felt_harm, felt_laws, fresh_seeds  # noqa: E402
-from bench.felt_compared import PERSONS, Compared, bounds, compared  # noqa: E402
+from bench.felt_compared import (  # noqa: E402
+    PERSONS,
+    Compared,
+    again_where_common,
+    bounds,
+    compared,
+)
 from bench.felt_person import Manner  # noqa: E402
 from bench.felt_play import MINUTES  # noqa: E402
 from bench.run import Bound  # noqa: E402
@@ -36,6 +42,14 @@ from etd_body.kinds import BodyKind  # noqa: E402
 def main() -> int:
     parser = argparse.ArgumentParser(prog="bench-felt", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=list(fresh_seeds.FELT))
+    parser.add_argument(
+        "--common-seeds",
+        type=int,
+        nargs="*",
+        default=list(fresh_seeds.FELT_COMMON),
+        help="fingers, with a person each, that a body is judged on whose drift is common to all"
+        " electrodes; none: on --seeds as the others",
+    )
     parser.add_argument("--persons", type=int, default=PERSONS, help="of each finger")
     parser.add_argument("--bodies", type=BodyKind, nargs="+", default=list(BodyKind))
     parser.add_argument("--right", type=float, default=Manner.right, help="answers, of all")
@@ -77,6 +91,10 @@ def main() -> int:
     fingers = f"fingers {', '.join(map(str, args.seeds))}"
     said = f"{fingers}, {args.persons} persons each, {args.minutes:g} min"
     found = compared(args.bodies, args.seeds, manner, args.minutes, args.persons, args.processes)
+    if args.common_seeds and any(each.drift.is_common for each in found):
+        many = (args.common_seeds, manner, args.minutes, args.processes)
+        found = again_where_common(found, *many)
+        said = f"{said}; where the drift is common to all, {_in_short(args.common_seeds)}"
     ships = [each for each in found if not each.may_raise]
     raising = [each for each in found if each.may_raise]
     checked = bounds(found) + felt_harm.bounds(found)
@@ -96,6 +114,13 @@ def main() -> int:
     if args.write_docs:
         felt_docs.write(PAGE, found, said, not_met)
     return 1 if any(bound in not_met for bound in asked(found)) else 0
+
+
+def _in_short(seeds: Sequence[int]) -> str:
+    """Which fingers, with one person each."""
+    if list(seeds) == list(range(seeds[0], seeds[-1] + 1)):
+        return f"fingers {seeds[0]} to {seeds[-1]}, one person each"
+    return f"fingers {', '.join(map(str, seeds))}, one person each"
 
 
 def asked(found: Sequence[Compared]) -> list[Bound]:

@@ -18,9 +18,11 @@ from bench.felt_compared import (
     MOST_TIMES_COMMON,
     Compared,
     Figures,
+    again_where_common,
     bounds,
     compared,
     said_by,
+    standard_error,
 )
 from bench.felt_drift import COMMON, LEAST_SIZE, Drift
 from bench.felt_laws import UNTOLD, WithLaw, with_law
@@ -35,7 +37,7 @@ from bench.felt_play import (
     wanted_alone,
     wanted_of,
 )
-from bench.fresh_seeds import FELT, LOOKED_AT, STEADY, TESTED
+from bench.fresh_seeds import FELT, FELT_COMMON, LOOKED_AT, STEADY, TESTED
 from bench.run import Bound
 from bench.steady_felt import asked
 from bench.steady_figures import SteadyFigures
@@ -73,9 +75,38 @@ def test_a_finger_without_any_level_is_counted_and_has_no_variation() -> None:
     assert [bound.is_met for bound in bounds([none])] == [False], "nothing was judged"
 
 
-def made_up(times: float, drift: Drift, *, may_raise: bool = True) -> Compared:
+def made_up(
+    times: float, drift: Drift, body: BodyKind = BodyKind.AREA, *, may_raise: bool = True
+) -> Compared:
     said = replace(PLAIN, variation=times * PLAIN.variation)
-    return Compared(BodyKind.AREA, may_raise, said, PLAIN, times, times, drift)
+    return Compared(body, may_raise, said, PLAIN, times, times, drift)
+
+
+def test_a_body_whose_drift_is_common_is_judged_on_other_fingers() -> None:
+    """Both ways, with a person each; the rest stays as it was found."""
+    found = [
+        made_up(1.0, drift, body, may_raise=may_raise)
+        for may_raise in (False, True)
+        for drift, body in ((EACH_ITS_OWN, BodyKind.AREA), (SHARED, BodyKind.ADAPTING))
+    ]
+    again = again_where_common(found, (*TESTED, 44), Manner(), 1.0)
+    assert [(each.body, each.may_raise) for each in again] == [
+        (each.body, each.may_raise) for each in found
+    ]
+    assert [again[0], again[2]] == [found[0], found[2]]
+    assert [(each.fingers, each.persons) for each in again[1::2]] == [(2, 2), (2, 2)]
+    assert again_where_common(found[::2], TESTED, Manner(), 1.0) == found[::2]
+
+
+def test_a_mean_of_few_fingers_has_the_error_that_more_of_them_would_show() -> None:
+    """Against the spread of that mean over a thousand other handfuls of fingers."""
+    chance = np.random.default_rng(31)
+    plain = chance.uniform(0.5, 3.0, (1_000, 20))
+    said = plain * chance.normal(0.8, 0.1, plain.shape)
+    spread = float((said.sum(axis=1) / plain.sum(axis=1)).std())
+    errors = [standard_error(*map(list, each)) for each in zip(said, plain, strict=True)]
+    assert float(np.mean(errors)) == pytest.approx(spread, rel=0.1)
+    assert np.isnan(standard_error([0.8], [1.0]))
 
 
 @pytest.mark.parametrize(
@@ -195,8 +226,9 @@ def test_the_page_has_the_table_between_its_marks(tmp_path: Path) -> None:
 
 
 def test_the_fingers_of_the_page_are_not_those_that_are_looked_at() -> None:
-    assert not {*FELT, *STEADY} & LOOKED_AT
-    assert not set(FELT) & set(STEADY)
+    judged = (*FELT, *FELT_COMMON, *STEADY)
+    assert not set(judged) & LOOKED_AT
+    assert len(set(judged)) == len(judged)
     assert set(TESTED) <= LOOKED_AT
 
 
