@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fuzz import file_targets, message_targets, record_target, stored, zmtp_target
+from fuzz import file_targets, message_targets, name_target, record_target, stored, zmtp_target
 from fuzz.short_form import inputs
 from fuzz.target import Target, play
 
@@ -14,6 +14,7 @@ TARGETS = (
     *message_targets.TARGETS,
     *zmtp_target.TARGETS,
     *file_targets.TARGETS,
+    *name_target.TARGETS,
     *record_target.TARGETS,
 )
 each = pytest.mark.parametrize("target", TARGETS, ids=[one.name for one in TARGETS])
