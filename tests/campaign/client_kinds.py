@@ -45,7 +45,8 @@ def _rig(subject: Subject) -> EngineRig:
 
 
 def _hang(subject: Subject) -> None:
-    _rig(subject).is_gateway_alive = False
+    """What clients send waits in it as well."""
+    _rig(subject).is_gateway_alive = subject.is_client_alive = False
 
 
 def _client_hangs(subject: Subject) -> None:

@@ -18,7 +18,7 @@ from charge_witness import even_skin
 from engine_rig import LEASE, EngineRig, rig_on
 from engine_scenes import halts
 from etd.files.configuration import LoadedConfig
-from etd.protocol.link import ArmBoard, KeepLease
+from etd.protocol.link import ArmBoard, KeepLease, LeaseEnded
 from etd_hal.errors import EtdError
 from etd_hal.fake.board import FakeBoard
 from etd_hal.fake.clock import SteppedClock
@@ -33,6 +33,8 @@ WANTED_UA = tuple(CURRENT_UA if electrode in LIT else 0 for electrode in range(E
 STOPPED_BY = "the script"
 #: The slowest check while armed comes each second, and a frame may be under way.
 LONG_MS, SHORT_MS = 1_150, 60
+#: Why a lease ends that nobody has closed.
+_BY_ITSELF = frozenset({"lapsed", "the gateway is silent"})
 #: As a client does while it waits.
 _KEEP_NS = 200 * MS
 #: Longer than arming differs by, whatever the rail does.
@@ -109,7 +111,7 @@ class EngineScript:
         keep_ns = rig.clock.now_ns() + _KEEP_NS
         while ref not in rig.answers and rig.clock.now_ns() < until_ns:
             self.step()
-            if rig.clock.now_ns() >= keep_ns:
+            if rig.clock.now_ns() >= keep_ns and self.subject.is_client_alive:
                 keep_ns += _KEEP_NS
                 rig.commands.send(KeepLease(lease=LEASE))
 
@@ -189,9 +191,8 @@ class EngineScript:
 
     def _is_safe_by_itself(self) -> bool:
         """Without the client's wish: its lease lapsed, or the gateway went."""
-        return not self.rig.engine.has_gateway or any(
-            "lapsed" in getattr(message, "reason", "") for message in self.rig.others
-        )
+        ended = [message.reason for message in self.rig.others if isinstance(message, LeaseEnded)]
+        return not self.rig.engine.has_gateway or not _BY_ITSELF.isdisjoint(ended)
 
 
 def lease_of(**fields: object) -> dict[str, object]:

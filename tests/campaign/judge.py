@@ -15,7 +15,7 @@ import msgspec
 from campaign.case import Outcome
 from campaign.engine_script import PULSE_PC
 from campaign.record import Line
-from campaign.results import BENCH, PC_PER_UC, beyond_pc, is_silent, where_of
+from campaign.results import BENCH, PC_PER_UC, beyond_pc, is_silent, is_told, where_of
 
 FILE = Path(__file__).with_name("bounds.toml")
 #: The class of drawn pairs.
@@ -55,6 +55,8 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     #: So much a self-test that names checks may let through in silence: a fault that comes after
     #: they were made.
     selftest_silent_uc: float = 0.0
+    #: What is told flows no longer than this after the fault; None: charge alone bounds it.
+    within_ms: float | None = None
     #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
     #: gets without the fault, where a pulse has `PULSE_PC`; with stronger ones as much more.
     uc: Mapping[str, float] = {}
@@ -107,7 +109,14 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
     told_by = row.rows_on(where)
     if is_silent(one) and told_by and beyond_uc > row.silent_most_uc(where) * times:
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
-    return _too_much(_bounding(one, rows), where, times, beyond_uc)
+    late = _too_late(row, one.flowed_for_ms) if is_told(one) else ""
+    return late or _too_much(_bounding(one, rows), where, times, beyond_uc)
+
+
+def _too_late(row: Bound, flowed_ms: float | None) -> str:
+    if row.within_ms is None or flowed_ms is None or flowed_ms <= row.within_ms:
+        return ""
+    return f"{flowed_ms:.1f} ms until it is silent, more than the {row.within_ms:g} ms of its row"
 
 
 def _too_much(bounding: Sequence[Bound], where: str, times: float, beyond_uc: float) -> str:
@@ -141,5 +150,7 @@ def _why_of_class(line: Line, rows: Mapping[str, Bound]) -> str:
     told_by = row.rows_on(line.on)
     if line.silent and told_by and not row.silent_most_uc(line.on):
         return f"{line.silent} in silence, and it should be told by {told_by[0]}"
+    if late := _too_late(row, line.safe_most_ms):
+        return late
     bounding = list(rows.values()) if line.fault_class == PAIR else [row]
     return _too_much(bounding, line.on, line.pulse_pc / PULSE_PC, line.most_uc)

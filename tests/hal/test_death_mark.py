@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import select
 import signal
@@ -12,6 +13,7 @@ import pytest
 
 from etd_hal.linux import death_mark
 from etd_hal.linux.death_mark import DeathMark
+from etd_hal.shared_memory import SharedMemory
 
 WITHIN_S = 60.0
 
@@ -55,6 +57,28 @@ def test_it_is_set_when_its_process_was_killed_and_not_before(number: int) -> No
             assert mark.is_set
         finally:
             os.close(over)
+
+
+def test_it_is_known_whether_it_was_taken() -> None:
+    with marked(lambda: None) as (_, mark):
+        assert mark.why_not_held is None
+    memory = SharedMemory(4_096)
+    assert "not held" in (DeathMark(os.dup(memory.fd)).why_not_held or "")
+
+
+@pytest.mark.parametrize("fails", ["init", "setrobust"])
+def test_what_a_library_refuses_is_not_taken(fails: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where it has no robust mutexes: a mutex that is held, but that no death marks."""
+
+    class Library:
+        def __getattr__(self, name: str) -> Callable[..., int]:
+            return lambda *_: int(name.endswith(fails))
+
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: Library())
+    locked: list[str] = []
+    monkeypatch.setattr(Library, "pthread_mutex_lock", lambda *_: locked.append("it"), False)
+    assert DeathMark(os.dup(death_mark.take())).why_not_held is not None
+    assert locked == []
 
 
 def end_a_child() -> None:

@@ -30,6 +30,8 @@ from etd_hal.supply_note import SupplyNote
 SAFE = bytes(range(16))
 #: As the kernel marks a mutex whose owner died (linux/futex.h).
 OWNER_DIED = (0x4000_0000).to_bytes(4, "little")
+#: By a thread of the driving process, by its number.
+HELD = (4_711).to_bytes(4, "little")
 _PR_SET_DUMPABLE = 4
 #: More than any mutex has.
 _MARK_BYTES = 4_096
@@ -47,6 +49,7 @@ class Scene:
         self.control = its.detach()
         self.latch = SharedMemory(SIZE)
         self.mark = SharedMemory(_MARK_BYTES)
+        self.mark.bytes[:4] = HELD
         #: In place of a pidfd: it can be read once the other end is closed.
         self.engine, self.engine_end = os.pipe()
         self.lines = os.open(os.devnull, os.O_RDWR)
@@ -159,6 +162,15 @@ def test_it_says_that_it_is_up_before_anything_else(scene: Scene) -> None:
     os.close(scene.engine_end)
     scene.run()
     assert scene.mine.recv(64) == b"up"
+
+
+def test_it_says_that_no_mark_will_tell_of_the_engines_death(scene: Scene) -> None:
+    scene.mark.bytes[:4] = bytes(4)
+    os.close(scene.engine_end)
+    scene.run()
+    up, *refused = scene.mine.recv(1_024).decode().splitlines()
+    assert (up, len(refused)) == ("up", 1)
+    assert "the mark of the engine's death is not held" in refused[0]
 
 
 def test_an_engine_that_is_silent_is_cut_while_it_is_needed(scene: Scene) -> None:

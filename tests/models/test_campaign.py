@@ -206,6 +206,10 @@ def test_what_does_not_hold_is_said() -> None:
         assert why in sentence
     without_guards = told(board="kajimoto-hv507", seen="halted", beyond_alone_pc=2.6e6)
     assert not_met([without_guards], {"a gain": row}) == []
+    late = Bound(told_by=("a check",), within_ms=260.0, uc={GUARDED: 1.0})
+    assert not_met([told(seen="halted", flowed_for_ms=260.0)], {"a gain": late}) == []
+    (sentence,) = not_met([told(seen="halted", flowed_for_ms=260.1)], {"a gain": late})
+    assert "260.1 ms until it is silent, more than the 260 ms of its row" in sentence
     silent_there = Bound(told_by=("a check",), silent_on=(GUARDED,), uc={GUARDED: 1.0})
     assert not_met([told(beyond_shared_pc=9_000.0)], {"a gain": silent_there}) == []
     in_step = Bound(told_by=("a check",), in_step_uc=0.009, uc={GUARDED: 1.0})
@@ -337,6 +341,9 @@ def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
     assert "with all guards" in found(seen="halted", beyond_alone_pc=2.6e6)[0]
     assert "more than the 9 uC" in found(seen="halted", beyond_alone_pc=9.1e6)[0]
     assert "1 in silence" in found(beyond_alone_pc=9_000.0)[0]
+    rows["late"] = Bound(told_by=("a check",), within_ms=2.0, uc={GUARDED: 9.0})
+    assert found(fault_class="late", seen="halted", flowed_for_ms=2.0) == []
+    assert "2.1 ms until" in found(fault_class="late", seen="halted", flowed_for_ms=2.1)[0]
     assert "no row" in found(fault_class="another")[0]
     assert "an error of their own" in found(seen="crashed: TypeError()")[0]
 

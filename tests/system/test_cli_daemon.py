@@ -129,6 +129,7 @@ def test_a_folder_without_a_daemon_is_told_with_what_ends_it(rig: CommandRig) ->
     assert stopped.status == 3
     assert "NOT STOPPED: there is no socket" in stopped.out
     assert "then end\n  the `etd run` that runs it" in stopped.out
+    assert "Other daemons go\n  on: `etd stop` alone stops all but those" in stopped.out
     assert "systemctl" not in stopped.out
     for verb in ("play x.json", "calibrate P01 --max-current-ua 1000"):
         told = rig.run(*verb.split(), "--board", "fake", "--folder", str(rig.folder))

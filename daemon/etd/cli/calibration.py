@@ -16,6 +16,7 @@ from etd.apps.picture import Picture
 from etd.cli import options
 from etd.cli.calibration_shown import conditions_in_words, table_of
 from etd.cli.doubts import doubts_of
+from etd.cli.given_file import check_given
 from etd.cli.new_file import check_new_file
 from etd.cli.running import display_of
 from etd.client import Display
@@ -200,7 +201,9 @@ def _export(args: argparse.Namespace) -> int:
 def _import(args: argparse.Namespace) -> int:
     if args.file == _INPUT and args.which is None:
         args.misused("import from standard input needs --as NAME")
-    calibration = _from_input() if args.file == _INPUT else _loaded(args.file)
+    advice = "name a file, or - for standard input"
+    is_input = args.file == _INPUT
+    calibration = _from_input() if is_input else _loaded(check_given(args.file, advice))
     name = check_name(args.which or args.file.stem, WHOSE)
     with _display(args) as display:
         display.set_calibration(name, calibration)

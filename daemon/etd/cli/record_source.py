@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from etd.cli.given_file import check_given
 from etd.client import Display
 from etd.files.paths import check_name
 from etd.protocol.errors import FileError
@@ -38,7 +39,7 @@ def record_file(which: str, connect: Callable[[], Display]) -> Iterator[Path]:
     Raises: FileError, Refused (`not_found`), DaemonGone.
     """
     if is_file(which):
-        yield Path(which)
+        yield check_given(Path(which))
         return
     check_name(which, WHOSE)
     with tempfile.TemporaryDirectory(prefix="etd-record-") as folder:

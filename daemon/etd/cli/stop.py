@@ -165,6 +165,7 @@ def _line(stopped: Stopped, called: str) -> str:
         then = f"run\n  `systemctl stop etd-engine@{name}` and `etd safe --name {name}`."
     return (
         f"{called}: NOT STOPPED: {shown(stopped.error)}\n"
-        "  Without a gateway the engine stops within 250 ms; without an engine nothing is fired.\n"
+        "  If its gateway has ended, its engine stops within 250 ms by itself. Other daemons go\n"
+        "  on: `etd stop` alone stops all but those with a --folder of their own.\n"
         f"  If anything is still felt: press the hardware stop or unplug the supply, then {then}"
     )

@@ -30,7 +30,7 @@ def resolve(name: str, address: str | None) -> str:
             " authenticated: use the daemon's Unix socket (ipc://), or name the computer, which is"
             " reached by your own ssh: Display(host='user@computer'), --host or ETD_HOST",
         )
-    if not address.startswith("ipc://"):
+    if not address.startswith("ipc://") or not Path(address.removeprefix("ipc://")).name:
         raise Refused(
             "bad_message",
             f"{address!r} is not an address: use one like ipc:///run/etd/NAME/control.sock",

@@ -9,8 +9,8 @@ pidfd). It looks through the dying thread's robust mutexes before all of that, a
 FUTEX_OWNER_DIED in each that it holds. A process that reads the word every half a millisecond knows
 of the death that much earlier.
 
-A mark that never comes, where the C library is another one, delays what the pidfd tells and no
-more.
+A mark that was not taken, where the C library is another one, is told by who looks at it: the death
+is then known by the pidfd alone, that much later.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ _ATTRIBUTE_BYTES = 64
 _PTHREAD_PROCESS_SHARED = 1
 _PTHREAD_MUTEX_ROBUST = 1
 _OWNER_DIED = 0x4000_0000
+_NOT_HELD = (
+    "the mark of the engine's death is not held, so its death is known milliseconds later: the C"
+    " library has no robust mutexes"
+)
 _WORD = struct.Struct("=I")
 
 #: What was taken is never unmapped: the thread's list of robust mutexes leads through it.
@@ -40,12 +44,15 @@ def take() -> int:
     mutex = (ctypes.c_char * _MUTEX_BYTES).from_buffer(memory.bytes)
     attributes = ctypes.create_string_buffer(_ATTRIBUTE_BYTES)
     library = ctypes.CDLL(None)
-    library.pthread_mutexattr_init(attributes)
-    library.pthread_mutexattr_setpshared(attributes, _PTHREAD_PROCESS_SHARED)
-    library.pthread_mutexattr_setrobust(attributes, _PTHREAD_MUTEX_ROBUST)
-    library.pthread_mutex_init(mutex, attributes)
-    # Each of these returns an error number. Where one fails the mark never comes: see the module.
-    library.pthread_mutex_lock(mutex)
+    # Each of these returns an error number; where one fails, the mark is not held.
+    failed = (
+        library.pthread_mutexattr_init(attributes)
+        or library.pthread_mutexattr_setpshared(attributes, _PTHREAD_PROCESS_SHARED)
+        or library.pthread_mutexattr_setrobust(attributes, _PTHREAD_MUTEX_ROBUST)
+        or library.pthread_mutex_init(mutex, attributes)
+    )
+    if not failed:
+        library.pthread_mutex_lock(mutex)
     _taken.append((memory, mutex))
     return memory.fd
 
@@ -59,5 +66,13 @@ class DeathMark:
 
     @property
     def is_set(self) -> bool:
+        return bool(self._word() & _OWNER_DIED)
+
+    @property
+    def why_not_held(self) -> str | None:
+        """A sentence, where it was not taken: it will never be set."""
+        return None if self._word() else _NOT_HELD
+
+    def _word(self) -> int:
         (word,) = _WORD.unpack_from(self._bytes)
-        return bool(word & _OWNER_DIED)
+        return int(word)

@@ -43,7 +43,9 @@ def main(
     """File descriptors: of the socket, the latch's memory, the outputs' request, the driving
     process, the mark of its death. Never returns.
     """
-    connection = side_process.begin(control, realtime.set_up_beside(priority, scan_core))
+    of_engine = DeathMark(mark)
+    refusals = (*realtime.set_up_beside(priority, scan_core), of_engine.why_not_held)
+    connection = side_process.begin(control, refusals)
     memory, safe_levels = SharedMemory(SIZE, latch), bytearray(values)
 
     def cut_off() -> None:
@@ -52,7 +54,7 @@ def main(
     kept = None if note is None else SupplyNote(Path(note))
     stopper = Stopper(memory.words, time.monotonic_ns, cut_off, kept)
     try:
-        watch(connection, stopper, engine, DeathMark(mark))
+        watch(connection, stopper, engine, of_engine)
     finally:
         stopper.cut()
         # By itself: the end of a process takes milliseconds, and its files come last.
