@@ -46,7 +46,7 @@ WIDE_OPEN = SiteMaxima(
     array_mean_current_ua=2_000,
     on_us_per_s=24_000,
     array_on_us_per_s=500_000,
-    net_charge_nc=20_000,
+    net_charge_nc=15_000,
 )
 
 

@@ -70,3 +70,15 @@ def test_every_check_guards_against_something() -> None:
 
 def test_every_class_of_the_campaign_is_a_hazard() -> None:
     assert set(bounds()) - {name for row in rows() for name in played(row)} == set()
+
+
+@pytest.mark.parametrize("page", ["fmea.md", "hardware.md"])
+def test_how_long_etd_safe_takes_is_what_was_measured(page: str) -> None:
+    evidence = (CLONE / "docs" / "evidence.md").read_text(encoding="utf-8")
+    found = re.search(r"^\| etd safe alone \| 1000 \| (\S+) \| \S+ \| (\S+) \|$", evidence, re.M)
+    assert found is not None
+    p50_ms, most_ms = (round(float(figure)) for figure in found.groups())
+    text = " ".join((CLONE / "docs" / page).read_text(encoding="utf-8").split())
+    said = re.search(r"(\d+) ms (?:after it is started|in the middle).*?(\d+) at most", text)
+    assert said is not None
+    assert tuple(map(int, said.groups())) == (p50_ms, most_ms)

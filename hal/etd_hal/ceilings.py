@@ -28,8 +28,9 @@ MEAN_CURRENT_UA: Final = 120
 #: Of all electrodes together, likewise: by design, four times what the shipped fingertip allows.
 ARRAY_MEAN_CURRENT_UA: Final = 8_000
 #: What pulses of one polarity leave on an electrode, as a return too, with a leak of a second: so
-#: 20 uA of direct current that does not end. By design; under a disk of 1 mm that is 2.5 mA/cm2.
-NET_CHARGE_NC: Final = 20_000
+#: 15 uA of direct current that does not end. By design, below the 15.8 uA that pulses left before
+#: there was a bound (decision 0077); under a disk of 1 mm that is 1.9 mA/cm2.
+NET_CHARGE_NC: Final = 15_000
 #: What follows from them for the time with current in any second: two phases, at the highest rate;
 #: and for the array, a scan that rests at least a fifth of the time.
 ON_US_PER_S: Final = 2 * WIDTH_US * RATE_HZ

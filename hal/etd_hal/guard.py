@@ -15,9 +15,9 @@ changes after words only; at most 32 words and 511 transfers; no delay above 10 
 from the first word on one level besides zero, or two of which the second is higher: a prepulse
 and its pulse. For a message that is not silent: permitted in this state; approved, this one
 pulse, each step of it, for just these outputs; worst-case width and charge of its steps together
-within the maxima; not more often than the rate; outputs un-blanked, latch closed, one output
-alone on its side and at least one on the other. What counts to the rate, and which messages are one
-visit, is in `visitrule.py`.
+within 1.2 times the maxima, which bound the plan; not more often than the rate; outputs un-blanked,
+latch closed, one output alone on its side and at least one on the other. What counts to the rate,
+and which messages are one visit, is in `visitrule.py`.
 A message within the probe's bounds may also be approved for outputs that are blanked, or relays
 that are all open.
 The rules for GPIO are in `switch_shadow.py`, with the decoding of the switch.
