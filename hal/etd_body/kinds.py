@@ -24,8 +24,8 @@ disagree about what nobody has measured: what a change of resistance says of a t
 
 All kinds draw Rs, Rp, bend, Cp and spreads from the same ranges, but where the kind says otherwise.
 The ranges (`BodyRanges`, where each can be replaced) are [design] around the figures that `skin`
-and `nerve` have, and wider than them, so that no finger has the constants that a law assumes. The
-same seed is the same finger in every kind and range but for what these change.
+and `nerve` have, and wider than them, so that hardly a finger has the constants that a law assumes.
+The same seed is the same finger in every kind and range but for what these change.
 """
 
 from __future__ import annotations

@@ -79,6 +79,7 @@ def test_awaited_it_is_the_same() -> None:
         ("too_strong", [27.5], r"27\.5 is no electrode: give whole numbers"),
         ("too_strong", [True], "True is no electrode"),
         ("too_strong", [-1], "-1 is no electrode"),
+        ("too_strong", [256], "there is no electrode 256: an array has 256 at most, from 0 on"),
         ("too_strong", [float("nan")], "nan is no electrode"),
         ("too_strong", [None], "None is no electrode"),
         ("too_strong", 27, r"electrodes=27: give a list of their numbers, as \[27\]"),

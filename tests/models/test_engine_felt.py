@@ -243,7 +243,8 @@ def test_what_rises_later_says_when(make_rig: MakeRig) -> None:
     hold(rig, 20_000)
     did, why = done(say(rig, "good"))
     assert did == "gives_back"
-    assert re.match(r"it rises in (39|40) s: nothing does within a minute of too_strong", why)
+    when = "it rises in (39|40) s, if it is fired then: nothing does within a minute of too_strong"
+    assert re.match(when, why)
     did, why = done(say(rig, "too_weak"))
     assert did == "gives_back"
     assert why.startswith("it rises in ")

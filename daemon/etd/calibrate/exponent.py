@@ -32,8 +32,9 @@ LEAST_STATES = 4
 #: Of the resistance's variation within electrodes, what time must leave.
 _LEAST_APART = 0.2
 _DIGITS = 4
-#: Student's t, 95 %, by degrees of freedom; above these as for ten. A k at or below zero is refused
-#: anyhow, so that who has none can get one at one end only, by one chance in twenty.
+#: Student's t, 95 % at one end, so 90 % of both, by degrees of freedom; above these as for ten. A k
+#: at or below zero is refused anyhow, so that who has none can get one at one end only, by one
+#: chance in twenty.
 _T = (math.inf, 6.31, 2.92, 2.35, 2.13, 2.02, 1.94, 1.89, 1.86, 1.83, 1.81)
 
 

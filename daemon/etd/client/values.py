@@ -12,7 +12,7 @@ from numbers import Integral, Real
 from typing import Protocol, TypeAlias, get_args, runtime_checkable
 
 from etd.protocol.errors import Refused
-from etd.protocol.frame import MOST_OF_A_TAG, POLARITIES, RETURNS_IN_WORDS
+from etd.protocol.frame import MAX_ELECTRODES, MOST_OF_A_TAG, POLARITIES, RETURNS_IN_WORDS
 from etd.stabilize.offset_estimate import Answer
 
 
@@ -227,6 +227,12 @@ def _numbers_of(electrodes: object) -> list[int]:
             raise Refused(
                 "bad_message",
                 f"electrodes: {number!r:.40} is no electrode: give whole numbers, from 0 on",
+            )
+        if number >= MAX_ELECTRODES:
+            raise Refused(
+                "bad_message",
+                f"electrodes: there is no electrode {number!r:.40}: an array has"
+                f" {MAX_ELECTRODES} at most, from 0 on",
             )
         named.append(int(number))
     if not named:

@@ -21,7 +21,10 @@ from etd.stabilize.said import FeltOffsets, Followed
 #: Currents are whole microamperes: a pulse with this part of what laws asked is what they asked.
 _NEARLY = 0.98
 _GIVES_BACK = "what was lowered comes back, by at most 5 % a minute, and no more than that ({})"
-_NOT_BEFORE = "it rises in {} s: nothing does within a minute of too_strong, or of another rise"
+_NOT_BEFORE = (
+    "it rises in {} s, if it is fired then: nothing does within a minute of too_strong, or of"
+    " another rise"
+)
 _NOT_RAISED = (
     "nothing is lowered that could come back, and nothing is raised above the frame's own strength"
     " ({}): show a higher level, within its caps"
