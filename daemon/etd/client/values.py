@@ -228,7 +228,7 @@ def _numbers_of(electrodes: object) -> list[int]:
                 "bad_message",
                 f"electrodes: {number!r:.40} is no electrode: give whole numbers, from 0 on",
             )
-        if number >= MAX_ELECTRODES:
+        if int(number) >= MAX_ELECTRODES:
             raise Refused(
                 "bad_message",
                 f"electrodes: there is no electrode {number!r:.40}: an array has"
