@@ -6,7 +6,7 @@ how it is shown.
 Which bound a body has is measured on its fingers: 0.8 where the drift is common to all electrodes
 (`felt_drift`) and the body site lets answers raise, 1.05 everywhere else. Where they may not,
 nothing can be made up for that is felt less and less. Whose answers do raise then is measured on
-each finger by the daemon's own procedure (`felt_adaptation`).
+each finger (`felt_adaptation`), by the questions of the daemon's procedure.
 
 A finger has several persons, who err at other times: of ten answers two are wrong, and which two
 they are moves the figure of one person by more than the bound leaves. So the bound is one of the

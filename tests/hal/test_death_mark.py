@@ -66,19 +66,51 @@ def test_it_is_known_whether_it_was_taken() -> None:
     assert "not held" in (DeathMark(os.dup(memory.fd)).why_not_held or "")
 
 
-@pytest.mark.parametrize("fails", ["init", "setrobust"])
-def test_what_a_library_refuses_is_not_taken(fails: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where it has no robust mutexes: a mutex that is held, but that no death marks."""
+_CALLS = (
+    "pthread_mutexattr_init",
+    "pthread_mutexattr_setpshared",
+    "pthread_mutexattr_setrobust",
+    "pthread_mutex_init",
+    "pthread_mutex_lock",
+)
 
-    class Library:
-        def __getattr__(self, name: str) -> Callable[..., int]:
-            return lambda *_: int(name.endswith(fails))
 
-    monkeypatch.setattr(ctypes, "CDLL", lambda _: Library())
-    locked: list[str] = []
-    monkeypatch.setattr(Library, "pthread_mutex_lock", lambda *_: locked.append("it"), False)
+class Library:
+    """In place of the C library's: what it is asked, and which call it refuses."""
+
+    def __init__(self, refused: str = "") -> None:
+        self.asked: list[tuple[str, ...]] = []
+        self._refused = refused
+
+    def __getattr__(self, name: str) -> Callable[..., int]:
+        def call(*given: object) -> int:
+            self.asked.append((name, *(str(one) for one in given if isinstance(one, int))))
+            return int(name == self._refused)
+
+        return call
+
+
+@pytest.mark.parametrize("refused", _CALLS[:-1])
+def test_what_a_library_refuses_is_not_taken(refused: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where it has no robust mutexes: one would be held, and no death would mark it."""
+    library = Library(refused)
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: library)
     assert DeathMark(os.dup(death_mark.take())).why_not_held is not None
-    assert locked == []
+    assert [name for name, *_ in library.asked] == list(_CALLS[: _CALLS.index(refused) + 1])
+
+
+def test_a_mutex_is_asked_for_that_is_shared_and_robust(monkeypatch: pytest.MonkeyPatch) -> None:
+    library = Library()
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: library)
+    death_mark.take()
+    shared = {name: given for name, *given in library.asked}
+    assert list(shared) == list(_CALLS)
+    assert shared["pthread_mutexattr_setpshared"] == ["1"], "PTHREAD_PROCESS_SHARED"
+    assert shared["pthread_mutexattr_setrobust"] == ["1"], "PTHREAD_MUTEX_ROBUST"
+
+
+def test_this_thread_holds_what_it_took() -> None:
+    assert DeathMark(os.dup(death_mark.take())).why_not_held is None
 
 
 def end_a_child() -> None:
