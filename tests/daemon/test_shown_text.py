@@ -79,7 +79,7 @@ def test_a_stop_is_lines_of_its_own_only(name: str, address: str, error: str) ->
         stop.Stopped(name=name, address=address),
     ]
     lines = "\n".join(stop.lines_of(answers)).split("\n")
-    assert len(lines) == 5
+    assert len(lines) == 6
     for line in lines:
         check(line, texts=2)
 
