@@ -49,7 +49,8 @@ def of_security() -> Parties:
 
 def _begins(long: str, short: str) -> bool:
     """Cut where a reason may begin, and not within what is said."""
-    return long == short or (long.startswith(short) and long[len(short)] in ":,(; ")
+    rest = long.removeprefix(short).lstrip()
+    return long.startswith(short) and (not rest or rest[0] in ":,(;")
 
 
 def test_both_pages_have_the_same_parties() -> None:

@@ -33,7 +33,7 @@ WANTED_UA = tuple(CURRENT_UA if electrode in LIT else 0 for electrode in range(E
 STOPPED_BY = "the script"
 #: The slowest check while armed comes each second, and a frame may be under way.
 LONG_MS, SHORT_MS = 1_150, 60
-#: Why a lease ends that nobody has closed.
+#: Why the engine ends a lease that its client has not closed.
 _BY_ITSELF = frozenset({"lapsed", "the gateway is silent"})
 #: As a client does while it waits.
 _KEEP_NS = 200 * MS

@@ -1,4 +1,4 @@
-"""Target: the name of a daemon, a calibration or a record, as somebody types it or a folder has it.
+"""Target: the name of a daemon, a calibration or a record, as it is typed or as a folder has it.
 
 Owns: that what is taken for a name is one part of a path, inside the folder that it is for, and
 that what is not ends in a sentence. Must not know: what the files are for.
@@ -78,7 +78,7 @@ def _check_path(make: Callable[[str], Path], depth: int, name: str, is_name: boo
 
 
 def _check_in_folder(name: str, is_name: bool) -> None:
-    """A file that somebody has put into a daemon's folder."""
+    """Of a file of that name in a daemon's folder."""
     if os.sep in name:
         return
     folder = Path(_FOLDER.name)
@@ -101,7 +101,7 @@ def _check_shipped(kind: resources.Kind, name: str, is_name: bool) -> None:
         _check_told(error)
         assert name not in resources.names(kind)
         return
-    except OSError:  # a path that is too long: whoever reads it tells that
+    except OSError:  # a path that is too long: opening the file reports it
         assert not is_name
         return
     assert path.is_file()
