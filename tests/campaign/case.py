@@ -39,7 +39,7 @@ class Outcome(msgspec.Struct, frozen=True):
     #: stretch of current.
     beyond_alone_pc: float
     beyond_shared_pc: float
-    #: Of one pulse and phase that was asked for.
+    #: Of what was asked for in one visit of an electrode: a phase, or both.
     pulse_pc: int
     why: str = ""
     #: Of the code that played it, as git describes it.

@@ -99,6 +99,29 @@ def of_selftests(lines: Sequence[Line]) -> str:
     )
 
 
+def of_silence(lines: Sequence[Line]) -> str:
+    """How many were silent of classes that something tells there, and of how much. Empty where none
+    was.
+    """
+    known = bounds()
+    told = [one for one in lines if known.get(one.fault_class, Bound()).rows_on(one.on)]
+    silent = [one for one in told if one.silent]
+    if not silent:
+        return ""
+
+    def most(on_bench: bool) -> float:
+        return max(
+            (one.silent_most_uc or 0.0 for one in silent if (one.on == BENCH) is on_bench),
+            default=0.0,
+        )
+
+    return (
+        f"Of classes that something tells {sum(one.silent for one in silent)} of"
+        f" {sum(one.cases for one in told)} cases were silent: of {most(False):.3f} uC at most, and"
+        f" of {most(True):.3f} in a self-test."
+    )
+
+
 def _by(part: dict[str, Any]) -> str:
     return f"{part['cases']} cases by {part['version']} on {part['day']}"
 
@@ -118,7 +141,7 @@ def write(lines: Sequence[Line]) -> None:
 
 
 def _part(lines: Sequence[Line]) -> str:
-    text = ["", *_folded(f"{said(lines)} {of_selftests(lines)}".strip())]
+    text = ["", *_folded(f"{said(lines)} {of_selftests(lines)} {of_silence(lines)}".strip())]
     for title, rows in tables(lines):
         text += [f"\n{title}:\n"]
         text += ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]

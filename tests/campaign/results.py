@@ -91,6 +91,8 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     #: slowest.
     safe_p50_ms: float | None
     safe_most_ms: float | None
+    #: Of what was silent: the most that an electrode got. None: not kept.
+    silent_most_uc: float | None = None
     most_alone_uc: float
     most_shared_uc: float
 
@@ -106,18 +108,19 @@ def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
 def figures_of(fault_class: str, found: Sequence[Outcome]) -> Figures:
     """Of cases that have one name together: a class, or all."""
     times_ms = sorted(one.flowed_for_ms for one in found if is_told(one))
-    silent = sum(map(is_silent, found))
+    silent_pc = [beyond_pc(one) for one in found if is_silent(one)]
     told = sum(map(is_told, found))
     crashed = sum(one.seen.startswith("crashed") for one in found)
     return Figures(
         fault_class=fault_class,
         cases=len(found),
         told=told,
-        latent=len(found) - told - crashed - silent,
-        silent=silent,
+        latent=len(found) - told - crashed - len(silent_pc),
+        silent=len(silent_pc),
         crashed=crashed,
         safe_p50_ms=times_ms[len(times_ms) // 2] if times_ms else None,
         safe_most_ms=times_ms[-1] if times_ms else None,
+        silent_most_uc=max(silent_pc, default=0.0) / PC_PER_UC,
         most_alone_uc=max(one.beyond_alone_pc for one in found) / PC_PER_UC,
         most_shared_uc=max(one.beyond_shared_pc for one in found) / PC_PER_UC,
     )

@@ -32,7 +32,7 @@ class Scene(Protocol):
 
     @property
     def pulse_pc(self) -> int:
-        """Of a pulse and phase that it asks for."""
+        """Of what it asks for in one visit of an electrode: a phase, or both."""
 
     def prepare(self) -> None:
         """Up to where faults come."""

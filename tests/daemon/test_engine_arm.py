@@ -23,6 +23,7 @@ from etd.protocol.link import (
     MeasureContact,
     StopNow,
 )
+from etd.sensing.sensors import STALE_NS
 from etd_hal.backend import Backend
 from etd_hal.boardfile import GUARDS, load_board
 from etd_hal.errors import FileError, GuardRefusal
@@ -230,6 +231,31 @@ def test_a_rail_on_its_way_to_too_high_halts_soon_after_it_was_found_there(
     assert rig.state == "HALTED"
     assert halts(rig)[0].source == "rail"
     assert "320" in halts(rig)[0].detail
+
+
+def test_a_rail_that_becomes_unknown_while_contact_is_measured_halts_between_two_probes(
+    make_rig: MakeRig,
+) -> None:
+    """The reading that let the probes begin is stale before they are over."""
+    rig = armed(make_rig(REFERENCE))
+    rig.ask(DisarmBoard, lease=LEASE)
+    rig.engine.components.board.supply_on()
+    for _ in range(20):
+        rig.engine.components.board.beat()
+        rig.run_ms(10)
+    rig.is_sensing = False
+    stuck_ns = rig.clock.now_ns()
+    while rig.engine.components.rail.rail_v(rig.clock.now_ns() + 10 * MS) is not None:
+        rig.engine.components.board.beat()
+        rig.run_ms(1)
+    before = len(phases(rig))
+    answer = rig.ask(ArmBoard)
+    probed = phases(rig)[before:]
+    assert answer.error == "arm_failed"
+    assert "the rail is not known" in answer.reason
+    assert halts(rig)[0].source == "rail"
+    assert 0 < len(probed) < 64
+    assert max(phase.from_ns for phase in probed) < stuck_ns + STALE_NS
 
 
 def test_a_monitor_that_could_not_see_too_high_a_rail_is_refused_in_the_board_file(

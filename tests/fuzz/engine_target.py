@@ -9,6 +9,7 @@ through is measured by `make campaign`.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -21,7 +22,7 @@ from campaign.account import AccountedBody
 from charge_witness import Witness, even_skin
 from engine_rig import LEASE
 from engine_scenes import opened_to
-from etd.files.configuration import fake_config
+from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.frame import Frame
 from etd.protocol.link import (
     ArmBoard,
@@ -55,7 +56,10 @@ _GUARDED = 1
 _MOST_ACTS = 40
 _MOST_NS = 2_000_000_000
 _STOPS: tuple[StopName, ...] = ("emergency_stop", "wearer_stop")
-_POLARITIES = ("anodic", "cathodic", "biphasic", "biphasic_cathodic_first")
+#: None: the site's, which may have both phases fired.
+_POLARITIES = ("anodic", "cathodic", "biphasic", "biphasic_cathodic_first", None)
+#: The same boards at a site that balances what leaves more than this, which is hardly anything.
+_BALANCED_NC = 300
 _FAULTS: tuple[faults.Fault, ...] = (
     faults.SpiError(at_transfer=0),
     faults.SpiShort(),
@@ -73,8 +77,9 @@ _FAULTS: tuple[faults.Fault, ...] = (
 class _World:
     """An engine, its board and its gateway, for one input."""
 
-    def __init__(self, board: str) -> None:
+    def __init__(self, board: str, *, balances: bool) -> None:
         loaded = fake_config(board=board, electrodes=ELECTRODES)
+        loaded = _balancing(loaded) if balances else loaded
         body = even_skin(loaded.board, ELECTRODES)
         witness, accounted = Witness(body), AccountedBody(body)
         self.rig = engine_rig.make(
@@ -143,6 +148,12 @@ class _World:
         self.rig.is_gateway_alive = True
 
 
+def _balancing(loaded: LoadedConfig) -> LoadedConfig:
+    maxima = msgspec.structs.replace(loaded.body_site.maxima, net_charge_nc=_BALANCED_NC)
+    site = msgspec.structs.replace(loaded.body_site, balance="biphasic", maxima=maxima)
+    return dataclasses.replace(loaded, body_site=site)
+
+
 def _open(world: _World, choices: Choices) -> None:
     limits = Limits(
         max_current_ua=choices.pick((1_000, 300, 1_000, 10_000)), width_us=choices.number(20, 200)
@@ -204,7 +215,8 @@ _ACTS: tuple[Callable[[_World, Choices], None], ...] = (
 
 def _play(data: bytes) -> None:
     choices = Choices(data)
-    world = _World(choices.pick(_BOARDS))
+    number = choices.number(0, 2 * len(_BOARDS) - 1)
+    world = _World(_BOARDS[number % len(_BOARDS)], balances=number >= len(_BOARDS))
     end_ns = world.rig.clock.now_ns() + _MOST_NS
     try:
         for _ in range(_MOST_ACTS):
@@ -231,8 +243,8 @@ _FAULT, _MEND, _STALL, _END, _COMES, _HANGS = 11, 12, 13, 14, 15, 16
 
 
 def _armed(board: int) -> bytes:
-    stop = _act(_PRESS, 1) + _act(_RELEASE, 1) if board == _GUARDED else b""
-    wait = _act(_WAIT, 99) + _act(_WAIT, 169) * _WAITS_TO_ARM[board]
+    stop = _act(_PRESS, 1) + _act(_RELEASE, 1) if board % len(_BOARDS) == _GUARDED else b""
+    wait = _act(_WAIT, 99) + _act(_WAIT, 169) * _WAITS_TO_ARM[board % len(_BOARDS)]
     return bytes([board]) + _act(_OPEN, 2, 80) + stop + _act(_ARM) + wait
 
 
@@ -242,7 +254,7 @@ def _frame(polarity: int = 0, lit: int = 5) -> bytes:
 
 
 def _seeds() -> Iterator[bytes]:
-    for board in range(len(_BOARDS)):
+    for board in range(2 * len(_BOARDS)):
         begun = _armed(board)
         for polarity in range(len(_POLARITIES)):
             yield (

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from campaign import docs
 from campaign.account import AccountedBody, Course
 from campaign.case import Outcome
-from campaign.engine_script import ELECTRODES, PULSE_PC, WANTED_UA
+from campaign.engine_script import ELECTRODES, PULSE_PC, WANTED_UA, EngineScript
 from campaign.forked import whole
 from campaign.judge import GUARDED, PAIR, Bound, bounds, lines_not_met, not_met
 from campaign.kinds import kinds_of
@@ -26,6 +26,7 @@ from campaign.results import BENCH, figures, is_silent, kept
 from campaign.scene import Over
 from campaign.scenes import BOARDS, SCENES, config
 from charge_witness import even_skin
+from engine_scenes import states
 from etd_body.interface import Side
 from etd_hal.fake.faults import Fault
 
@@ -95,6 +96,21 @@ def test_without_a_fault_each_lit_electrode_gets_its_pulses(board: str) -> None:
 def test_every_scene_runs_without_a_fault(board: str, scene: str) -> None:
     """`whole` raises where one is refused something or halts."""
     assert len(whole(board, scene).operations) > 100
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_the_balanced_frames_have_both_phases(board: str) -> None:
+    played = SCENES["balanced frames"](config(board), Operations(), None)
+    assert isinstance(played, EngineScript)
+    played.prepare()
+    played.play()
+    played.play_on(is_long=True)
+    assert played.problem() is None
+    assert played.pulse_pc == 2 * PULSE_PC
+    counters = states(played.rig)[-1].counters
+    assert counters["balanced"] >= 10
+    assert "net_charge" not in counters
+    played.close()
 
 
 def test_what_an_operation_is_told_happens_to_it() -> None:
@@ -332,6 +348,22 @@ def test_what_was_played_anew_takes_the_place_of_its_class_and_the_rest_says_whe
     assert [part["classes"] for part in parts] == [["all others"], ["an overshoot"]]
 
 
+def test_the_page_says_how_much_was_silent_of_what_something_tells() -> None:
+    """By strength of the pulses; a self-test apart, since no person is there."""
+
+    def said(*found: Outcome) -> str:
+        return docs.of_silence(lines_of(found, ""))
+
+    in_step = "bits to the DAC are flipped"
+    small = told(fault_class=in_step, beyond_alone_pc=9_000.0)
+    at_bench = told(fault_class=in_step, scene=BENCH, beyond_shared_pc=20_000.0)
+    assert said(told(fault_class="an overshoot", beyond_alone_pc=9_000.0)) == ""
+    assert said(small, at_bench, told(fault_class=in_step, seen="halted")) == (
+        "Of classes that something tells 2 of 3 cases were silent: of 0.009 uC at most, and of"
+        " 0.020 in a self-test."
+    )
+
+
 def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
     def found(**changed: Any) -> list[str]:
         return lines_not_met(lines_of([told(**changed)], ""), rows)
@@ -341,6 +373,15 @@ def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
     assert "with all guards" in found(seen="halted", beyond_alone_pc=2.6e6)[0]
     assert "more than the 9 uC" in found(seen="halted", beyond_alone_pc=9.1e6)[0]
     assert "1 in silence" in found(beyond_alone_pc=9_000.0)[0]
+    rows["in step"] = Bound(told_by=("a check",), in_step_uc=0.009, uc={GUARDED: 9.0})
+    assert found(fault_class="in step", beyond_alone_pc=9_000.0) == []
+    assert (
+        "1 in silence of 0.009 uC at most"
+        in found(fault_class="in step", beyond_alone_pc=9_001.0)[0]
+    )
+    strong = 4 * PULSE_PC
+    assert found(fault_class="in step", beyond_alone_pc=36_000.0, pulse_pc=strong) == []
+    assert found(fault_class="in step", beyond_alone_pc=36_001.0, pulse_pc=strong) != []
     rows["late"] = Bound(told_by=("a check",), within_ms=2.0, uc={GUARDED: 9.0})
     assert found(fault_class="late", seen="halted", flowed_for_ms=2.0) == []
     assert "2.1 ms until" in found(fault_class="late", seen="halted", flowed_for_ms=2.1)[0]

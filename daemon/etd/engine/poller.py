@@ -169,7 +169,10 @@ class Poller:
                 return
 
     def _watch_rail(self, monitor: RailMonitor, now_ns: int) -> None:
-        if self._supervisor.states.state != "ARMED":
+        """While pulses are fired: before that its own waiting judges a rail that rises."""
+        power_up = self._supervisor.power_up
+        is_measured = power_up is not None and power_up.is_measuring
+        if self._supervisor.states.state != "ARMED" and not is_measured:
             return
         rail_v = self._rail.rail_v(now_ns)
         if rail_v is None:
