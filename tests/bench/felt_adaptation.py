@@ -4,9 +4,10 @@ Owns: presenting its scans to the body, and the bench's person, who judges by th
 the last ones. What is shown, when it is asked, which answers count and what they are enough for is
 the daemon's own (`etd.calibrate.adaptation`). Must not know: what is raised, and what comes of it.
 
-It is asked on another day: the finger lies, sweats, presses and peels as it does when it is played,
-from when it has lain for five minutes on, and its touch has rested. The person errs as often, at
-other times.
+It is asked on another day than it is played: the same finger, which sweats, presses and peels at
+other times, and whose touch has rested. It lies for three minutes, all together are brought up to
+level 1, and then it is in use, as in `etd calibrate --adaptation`. The person errs as often, at
+other times. Asked on the very minutes that are judged, it would earn what these minutes need.
 """
 
 from __future__ import annotations
@@ -17,22 +18,29 @@ from functools import cache
 
 import numpy as np
 
-from bench.felt_person import Manner, Person, times_wanted
-from bench.felt_play import HEEDED, LEVEL, finger_of
-from bench.felt_whole import APART_NS, WholeFinger, pulse
+from bench.felt_person import EXPONENT, Manner, Person, times_wanted
+from bench.felt_play import ELECTRODES, HEEDED, LEVEL, finger_of
+from bench.felt_whole import APART_NS, AcceptsWhole, level_1_strength, pulse
+from bench.steady_skin import MOST_CAP_UA, body_of, conditions_of
 from etd.calibrate.adaptation import (
-    QUESTIONS,
+    LIES_PART,
     USE_LEVEL,
     USE_S,
     adaptation_of,
+    before_use,
+    currents_in_use,
     in_use,
 )
 from etd.calibrate.answers import Answer, Question
+from etd.calibrate.course import Course
 from etd.calibrate.stimulator import Delivered
+from etd.calibrate.trial import Unsettled
+from etd.files.configuration import fake_config
 from etd.protocol.adaptation import MeasuredAdaptation
-from etd.protocol.calibration import current_of_level
 from etd.stabilize import offset_estimate
+from etd_body.course import Course as SkinCourse
 from etd_body.kinds import BodyKind
+from etd_body.living import LivingBody
 from etd_body.tissue import Floats
 
 assert USE_LEVEL == LEVEL, "what is measured is what is played"
@@ -50,18 +58,24 @@ _WORDS: dict[offset_estimate.Answer, Answer] = {
 class _Used:
     """Implements `Presenter` for all at once: a scan of the body, on its time."""
 
-    def __init__(self, finger: WholeFinger) -> None:
-        self._body = finger.body
+    def __init__(self, body: LivingBody) -> None:
+        self._body = body
         self.now_s = 0.0
         #: Of each scan, by electrode.
-        self.felt: list[Floats] = []
-        finger.course.begin(0.0)
+        self.scans: list[Floats] = []
+        self.pain: Floats = np.zeros(body.electrode_count)
+
+    @property
+    def felt(self) -> Floats:
+        return self.scans[-1]
 
     def present_whole(self, currents_ua: Mapping[int, int]) -> Delivered:
         begun_ns = int(self.now_s * 1e9)
         for electrode, current_ua in currents_ua.items():
             pulse(self._body, electrode, current_ua, begun_ns + electrode * APART_NS)
-        self.felt.append(np.array(self._body.take_felt()[0]))
+        felt, pain = self._body.take_felt()
+        self.scans.append(np.array(felt))
+        self.pain = np.array(pain)
         self.now_s += self._body.electrode_count * APART_NS * 1e-9
         highest = max(currents_ua, key=currents_ua.__getitem__)
         return Delivered(highest, currents_ua[highest], None, begun_ns)
@@ -87,11 +101,12 @@ class _Remembers:
 
     def __init__(self, used: _Used, person: Person) -> None:
         self._used = used
+        self._from = len(used.scans)
         self._person = person
 
     def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
-        first = np.mean(self._used.felt[:HEEDED], axis=0)
-        times = times_wanted(np.array(self._used.felt[-HEEDED:]), first)
+        first = np.mean(self._used.scans[self._from :][:HEEDED], axis=0)
+        times = times_wanted(np.array(self._used.scans[-HEEDED:]), first)
         self._used.pause(_ANSWERED_S)
         return _WORDS[self._person.says(times)]
 
@@ -100,24 +115,40 @@ class _Remembers:
 
 
 @cache
-def own_adaptation(kind: BodyKind, seed: int, manner: Manner, number: int) -> MeasuredAdaptation:
-    """Of one of a finger's persons."""
-    finger = finger_of(kind, seed, (USE_S + QUESTIONS * _ANSWERED_S) / 60.0)
-    made, used = finger.calibration, _Used(finger)
-    levels = enumerate(made.electrode)
-    currents_ua = {
-        electrode: current_of_level(limits, USE_LEVEL, made.gamma)
-        for electrode, limits in levels
-        if limits.felt
-    }
-    if not currents_ua:
-        return adaptation_of(["same"] * QUESTIONS, USE_S, made.date)
+def own_adaptation(
+    kind: BodyKind, seed: int, manner: Manner, number: int
+) -> MeasuredAdaptation | None:
+    """Of one of a finger's persons; None: the command would end without."""
+    finger = finger_of(kind, seed)
+    calibration = finger.calibration
+    used = _Used(another_day(kind, seed))
+    used.pause(LIES_PART * USE_S)
+    accepted = before_use(conditions_of(calibration, int(MOST_CAP_UA)), calibration)
+    wanted = level_1_strength(calibration) * finger.among**EXPONENT
+    try:
+        whole = AcceptsWhole(used, wanted)
+        Course(accepted, used, whole, lambda: calibration.date, baseline=calibration).feel_whole()
+    except Unsettled:
+        return None
+    currents_ua = currents_in_use(accepted, calibration.gamma)
+    if not currents_ua or not used.felt.any():
+        return None
     person = Person(replace(manner, insists=False), seed, number + _OTHERWISE)
     answers = in_use(used, _Remembers(used, person), currents_ua, USE_S, lambda: used.now_s)
-    return adaptation_of(answers, USE_S, made.date)
+    return adaptation_of(answers, USE_S, calibration.date)
+
+
+def another_day(kind: BodyKind, seed: int) -> LivingBody:
+    """The same finger, just laid on: what it does from now on is of another seed."""
+    loaded = fake_config(electrodes=ELECTRODES)
+    body = body_of(seed, loaded.board, loaded.array, kind)
+    places = list(zip(loaded.array.x_mm, loaded.array.y_mm, strict=True))
+    body.skin.course = SkinCourse(body.skin.course.script, places, seed=seed + _OTHERWISE)
+    body.look_at(0)
+    return body
 
 
 def may_raise(kind: BodyKind, seed: int, manner: Manner, number: int) -> bool:
     """Where the body site allows it."""
     found = own_adaptation(kind, seed, manner, number)
-    return found.why_not_in(found.date) is None
+    return found is not None and found.why_not_in(found.date) is None

@@ -26,6 +26,7 @@ _RAISED = "what is raised against it comes nearer to pain, which does not"
 #: why.
 EXCLUDED: dict[BodyKind, str] = {
     BodyKind.ADAPTING: f"touch adapts to use; {_RAISED}",
+    BodyKind.SOAKING: f"a soaking skin takes from what is felt; {_RAISED} soak",
     BodyKind.TENDER: "pain begins just above the threshold; a common raise brings some over it",
     BodyKind.SWEAT: "few in all: an answer in error raises for a minute, when an edge peels",
 }

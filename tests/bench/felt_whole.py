@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 from msgspec.structs import replace
@@ -74,7 +75,8 @@ def felt_whole(
         seed=seed,
     )
     try:
-        Course(progress, array, _Whole(array, alone), lambda: alone.date).feel_whole()
+        person = AcceptsWhole(array, level_1_strength(alone))
+        Course(progress, array, person, lambda: alone.date).feel_whole()
     except Unsettled:
         # The command ends without a calibration, so nothing is shown.
         progress.found = {one: replace(each, felt=False) for one, each in progress.found.items()}
@@ -156,22 +158,39 @@ class _Array:
         raise AssertionError("no presentation is stopped")
 
 
-class _Whole:
-    """Implements `Answerer`: without errors, by what was comfortable on each electrode alone."""
+class Shown(Protocol):
+    """What was felt of the last presentation, and how near to pain it came, by electrode."""
 
-    def __init__(self, array: _Array, alone: Calibration) -> None:
-        self._array = array
+    @property
+    def felt(self) -> Floats: ...
+    @property
+    def pain(self) -> Floats: ...
+
+
+class AcceptsWhole:
+    """Implements `Answerer`: without errors, by the strength that each electrode was accepted with
+    and by what hurts.
+    """
+
+    def __init__(self, shown: Shown, wanted: Floats) -> None:
+        self._shown = shown
         self._person = Person(Manner(right=1.0), 0)
-        self._wanted = wanted_strength(
-            np.array([each.comfortable_ua * each.felt for each in alone.electrode], float),
-            np.array([each.threshold_ua for each in alone.electrode], float),
-        )
+        self._wanted = wanted
 
     def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
-        times = times_wanted(self._array.felt[None], self._wanted)
-        is_hurt = float(self._array.pain.max()) >= 1.0
+        times = times_wanted(self._shown.felt[None], self._wanted)
+        is_hurt = float(self._shown.pain.max()) >= 1.0
         is_too_strong = is_hurt or self._person.judges(times) == "too_strong"
         return "too_strong" if is_too_strong else "felt"
 
     def wants_stop(self) -> bool:
         return False
+
+
+def level_1_strength(calibration: Calibration) -> Floats:
+    """Of each electrode alone, on the day it was calibrated."""
+    electrodes = calibration.electrode
+    return wanted_strength(
+        np.array([each.comfortable_ua * each.felt for each in electrodes], float),
+        np.array([each.threshold_ua for each in electrodes], float),
+    )

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bench import felt_adaptation, felt_docs, felt_harm, steady_skin
+from bench.felt_adaptation import another_day
 from bench.felt_compared import (
     MOST_TIMES,
     MOST_TIMES_COMMON,
@@ -45,6 +46,8 @@ from bench.steady_laws import NONE
 from etd.files.configuration import fake_config
 from etd.protocol.calibration import Calibration
 from etd_body.kinds import BodyKind
+from etd_body.living import LivingBody
+from etd_body.tissue import Floats
 
 PAGE = Path(__file__).parents[2] / "docs" / "stabilization.md"
 #: The kind whose thresholds move for minutes, all together: by use.
@@ -124,15 +127,18 @@ def test_each_bound_can_say_no(drift: Drift, *, may_raise: bool, bound: float) -
         assert (found.bound, found.is_met) == (bound, is_met)
 
 
-def test_the_variation_is_asked_of_all_and_pain_of_all_that_ships() -> None:
-    ships, costs = (made_up(1.2, EACH_ITS_OWN, may_raise=may_raise) for may_raise in (False, True))
-    helps = made_up(1.2, SHARED, may_raise=True)
-    assert [bound.bound for bound in asked([ships, costs, helps])] == [
-        *(bound.bound for bound in felt_harm.bounds([ships])),
-        MOST_TIMES,
-        MOST_TIMES,
-        MOST_TIMES_COMMON,
+def test_all_is_asked_as_it_ships_and_where_answers_may_raise() -> None:
+    """But for pain on the excluded bodies, where they may."""
+    hurts = replace(PLAIN, scans_above_pain=100.0)
+    ways = [
+        Compared(body, may_raise, hurts, hurts, 1.0, 1.0, EACH_ITS_OWN)
+        for may_raise in (False, True)
+        for body in BodyKind
     ]
+    named = [bound.what for bound in asked(ways)]
+    assert sum("variation" in what for what in named) == 2 * len(BodyKind)
+    assert sum("not felt" in what for what in named) == 2 * len(BodyKind)
+    assert sum("pain" in what for what in named) == 2 * len(BodyKind) - len(felt_harm.EXCLUDED)
 
 
 def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> None:
@@ -150,6 +156,28 @@ def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> N
     stays = said_by(BodyKind.INDIFFERENT, seed, manner, 3.0, 0)
     assert not stays.may_raise
     assert stays.raising == stays.ships
+
+
+def test_it_is_asked_of_the_same_finger_on_another_day_than_it_is_played() -> None:
+    """Asked on the minutes that are judged, it would earn what they need."""
+    (seed,) = TESTED
+    played, asked_of = finger_of(BodyKind.BENT, seed), another_day(BodyKind.BENT, seed)
+    played.course.begin(0.0)
+
+    def own_area(body: LivingBody) -> Floats:
+        now = body.skin.course.at(0.0)
+        body.skin.refresh(0.0)
+        return body.skin.gain / (now.area * now.sweat_gain)
+
+    assert own_area(asked_of) == pytest.approx(own_area(played.body))
+    assert asked_of.skin.figures == played.body.skin.figures
+    minutes_s = np.arange(0.0, 600.0, 5.0)
+    before_s = played.pieces.starts_s[0]
+    pressed = [
+        [course.pressure_kpa(from_s + t_s) for t_s in minutes_s]
+        for course, from_s in ((played.course, 0.0), (asked_of.skin.course, before_s))
+    ]
+    assert abs(np.corrcoef(pressed)[0, 1]) < 0.5
 
 
 def harmed(body: BodyKind, plain: Figures, said: Figures, *, may_raise: bool = True) -> Compared:
@@ -200,8 +228,8 @@ def test_what_ships_has_no_exclusion(body: BodyKind) -> None:
 def test_the_page_names_the_excluded_bodies_beside_the_numbers() -> None:
     section = PAGE.read_text(encoding="utf-8").split("\n### What it gives and takes")[1]
     section = section.split("\n## ")[0]
-    named = " and ".join(f"`{body}`" for body in sorted(felt_harm.EXCLUDED))
-    assert f"**Excluded: {named.replace(' and ', ', ', 1)}**" in section
+    *first, last = (f"`{body}`" for body in sorted(felt_harm.EXCLUDED))
+    assert f"**Excluded: {', '.join(first)} and {last}**" in section
 
 
 def test_the_page_has_the_table_between_its_marks(tmp_path: Path) -> None:
