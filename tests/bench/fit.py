@@ -85,7 +85,10 @@ def judged(
     if without:
         said.append(f"of {len(without)} without, {wrongly} get one")
     is_held = is_right and wrongly <= MOST_WITHOUT * len(without)
-    return f"{model}: {'; '.join(said)}: {'holds' if is_held else 'FAILS'}", is_held
+    verdict = "holds" if is_held else "FAILS"
+    if got and model not in _MUST_GET:
+        verdict += ", that they get theirs is told and not asked for"
+    return f"{model}: {'; '.join(said)}: {verdict}", is_held
 
 
 def main() -> int:
@@ -93,7 +96,13 @@ def main() -> int:
     parser.add_argument("--persons", type=int, default=200, help="of each model, with a k")
     parser.add_argument("--fingers", type=int, default=60, help="of each kind of body")
     parser.add_argument("--seed", type=int, default=1, help="who they are")
-    parser.add_argument("--of", choices=_OF, nargs="+", default=_OF, help="models and kinds")
+    parser.add_argument(
+        "--of",
+        choices=_OF,
+        nargs="+",
+        default=_OF,
+        help=f"models and kinds; {' and '.join(_MUST_GET)} alone must get their k, nine of ten",
+    )
     parser.add_argument("--processes", type=int, help="at once; as many as there are processors")
     chosen = parser.parse_args()
     chance = random.Random(chosen.seed)

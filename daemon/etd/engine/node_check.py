@@ -40,9 +40,14 @@ class NodeCheck:
         baseline_v = result.baseline_v
         # An entry without a pulse of its own goes on with a visit that its probe has begun.
         is_led = not ready.entry.pulses and is_anodic == self._was_anodic
-        if baseline_v > self._rested_v and not (is_led and baseline_v <= self._held_v):
-            self._refuse_baseline(ready, baseline_v, self._held_v if is_led else 0.0)
-        node_v = result.voltage_v if result.voltage_v > result.early_v else result.early_v
+        allowed_v = max(self._rested_v, self._held_v) if is_led else self._rested_v
+        if baseline_v > allowed_v:
+            raise BoardFault(
+                f"node before the pulse at electrode {ready.entry.electrode}, with the DAC at zero",
+                f"{baseline_v:.1f} V",
+                f"at most {allowed_v:.1f} V: a current flows that was not commanded",
+            )
+        node_v = max(result.voltage_v, result.early_v)
         most_v = self._rules.most_v(ready.pulse.commanded_ua, baseline_v)
         if node_v > most_v:
             raise BoardFault(
@@ -52,10 +57,3 @@ class NodeCheck:
                 f"at most {most_v:.1f} V, current x leak: more current flows than was commanded",
             )
         self._held_v, self._was_anodic = node_v + self._rules.noise_v, is_anodic
-
-    def _refuse_baseline(self, ready: ReadyPulse, baseline_v: float, held_v: float) -> None:
-        raise BoardFault(
-            f"node before the pulse at electrode {ready.entry.electrode}, with the DAC at zero",
-            f"{baseline_v:.1f} V",
-            f"at most {max(self._rested_v, held_v):.1f} V: a current flows that was not commanded",
-        )

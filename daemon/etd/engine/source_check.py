@@ -50,7 +50,9 @@ class SourceCheck:
         self._is_shown = False
         why = self._why_untold(self._part_ua)
         #: Where the board's figures allow no check: the sentence that says so.
-        self.limitations = () if why is None else (f"the source is not checked while armed: {why}",)
+        self.limitations: tuple[str, ...] = ()
+        if why is not None:
+            self.limitations = (f"the source is not checked while armed: {why}",)
         #: None: the node would come higher than can be read.
         self._whole_ua = None if self._why_untold(whole_ua) else whole_ua
 
