@@ -141,8 +141,8 @@ def _fingers_part(fingers: Sequence[OfFinger]) -> str:
         for one in fingers
     ]
     return (
-        "The worst single finger of each law, in times of no law's: variation, not felt, scans"
-        f" above pain.\n\n{''.join(lines)}\n"
+        "The worst single finger of each law, by the largest of three, each in times of no law's:"
+        f" variation, not felt, scans\nabove pain.\n\n{''.join(lines)}\n"
     )
 
 
