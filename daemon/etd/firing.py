@@ -141,11 +141,19 @@ class Firing:
         one, before it is looked at; or, a probe before its pulse, stay connected. Returns the
         results of the first and the last phase.
         """
-        phases, last_at = ready.phases, len(ready.phases) - 1
-        first = last = self._play(booking, ready, 0, is_over=not (last_at or stays_connected))
-        for at in range(1, last_at + 1):
-            self._board.flip(ready.selection, phases[at])
-            last = self._play(booking, ready, at, is_over=at == last_at)
+        phases, last_at, at = ready.phases, len(ready.phases) - 1, 0
+        try:
+            first = last = self._play(booking, ready, 0, is_over=not (last_at or stays_connected))
+            for at in range(1, last_at + 1):
+                self._board.flip(ready.selection, phases[at])
+                last = self._play(booking, ready, at, is_over=at == last_at)
+        except (BusError, BoardFault):
+            self._leave_first(booking, ready, at)
+            raise
+        except GuardRefusal:
+            if at:
+                self._leave_first(booking, ready, at)
+            raise
         return first, last
 
     def fire_unloaded(self, pulse: Pulse, given: PulseRequest) -> PulseResult:
@@ -226,6 +234,15 @@ class Firing:
         booked_pc = ready.given.charge_pc + ready.given.current_ua * self._most_excess_us
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
         self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)
+
+    def _leave_first(self, booking: Booking, ready: ReadyPulse, at: int) -> None:
+        """Of phases that balance the last may not have flowed: what the first one left stays, of a
+        first message that failed with all that is booked beyond the plan.
+        """
+        if len(ready.phases) > 1:
+            beyond_pc = 0 if at else booking.charge_pc - ready.entry.charge_pc
+            left_pc = ready.given.charge_pc + beyond_pc
+            self._ledger.leave(booking, left_pc if ready.phases[0] else -left_pc)
 
     def _too_long(self, excess_ns: int, where: str) -> BoardFault:
         return BoardFault(

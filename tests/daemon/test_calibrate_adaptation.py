@@ -205,6 +205,29 @@ def test_a_key_that_slipped_is_taken_back_before_anything_is_shown_again() -> No
     assert found == ["same", "weaker", *["same"] * (QUESTIONS - 2)]
 
 
+@pytest.mark.parametrize("ending", ["stop", "pause"])
+def test_too_strong_counts_where_a_key_ends_it_before_it_is_certain(ending: Answer) -> None:
+    """Who is in pain presses what comes to hand."""
+    skin = UsedSkin()
+    with pytest.raises(TooStrongInUse, match="after 30 s of use") as ended:
+        asked(skin, ["same", "too_strong", ending])
+    assert isinstance(ended.value.__cause__, Stopped)
+    assert skin.is_stopped == (ending == "stop")
+
+
+def test_too_strong_counts_where_the_daemon_is_gone_before_it_is_certain() -> None:
+    class Gone(Says):
+        def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+            if question.ask == "sure_in_use":
+                raise DaemonGone("main", "it was ended")
+            return super().answer(question, keep)
+
+    skin = UsedSkin()
+    with pytest.raises(TooStrongInUse) as ended:
+        in_use(skin, Gone(skin, ["too_strong"]), CURRENTS_UA, USE_S, lambda: skin.now_s)
+    assert isinstance(ended.value.__cause__, DaemonGone)
+
+
 def test_the_levels_in_use_are_of_what_was_accepted_of_all_together() -> None:
     unfelt = replace(FOUND, felt=False)
     made = Calibration(

@@ -51,7 +51,7 @@ class Scene:
         selection = self.rig.board.selection(HERE, returns)
         pulse = self.rig.board.pulse(CURRENT_UA, WIDTH_US)
         charge_pc, on_us = PHASE_PC * len(phases), WIDTH_US * len(phases)
-        entry = Entry(HERE, charge_pc, on_us, returns, 1.0)
+        entry = Entry(HERE, charge_pc, on_us, returns, 1.0, net_pc=0 if len(phases) > 1 else None)
         given = PulseRequest(CURRENT_UA, WIDTH_US)
         self.ready = ReadyPulse(entry, selection, phases, pulse, given)
         self.rig.board.prepare(selection, whole=True)
@@ -71,6 +71,11 @@ class Scene:
     @property
     def booked_pc(self) -> int:
         return self.ledger.charge_pc(HERE, self.rig.clock.now_ns())
+
+    @property
+    def left_pc(self) -> float:
+        """Net, by the ledger."""
+        return self.ledger.net.of(HERE, self.rig.clock.now_ns())
 
     def since_pc(self, begun_ns: int) -> int:
         """At its full current until now."""
@@ -242,6 +247,55 @@ def test_a_message_that_stalled_and_then_failed_counts_for_as_long_as_it_was_und
         scene.fire(SpiStall(4_000, at_transfer=3), fault)
     assert CURRENT_UA * 4_000 <= scene.booked_pc <= scene.since_pc(scene.begun_ns)
     scene.check_all()
+
+
+@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+@pytest.mark.parametrize("phases", [(True, False), (False, True)])
+@pytest.mark.parametrize("fault", [*(SpiError(2, each) for each in range(5)), SpiShort(2)], ids=str)
+def test_where_a_second_phase_has_failed_what_the_first_one_left_is_net_charge(
+    board: str, phases: tuple[bool, ...], fault: Fault
+) -> None:
+    scene = Scene(board, phases)
+    with pytest.raises(BusError):
+        scene.fire(fault)
+    way, left_pc = (1 if phases[0] else -1), scene.left_pc
+    assert NEARLY * PHASE_PC < way * left_pc <= PHASE_PC + 1.0
+    assert way * scene.body.charge_pc(HERE) <= way * left_pc + 1.0
+
+
+def test_of_a_first_phase_that_failed_it_is_all_that_may_have_flowed() -> None:
+    for phases in ((True, False), (False, True)):
+        scene = Scene(phases=phases)
+        with pytest.raises(BusError):
+            scene.fire(SpiStall(4_000, at_transfer=3), SpiShort())
+        way = 1 if phases[0] else -1
+        assert way * scene.left_pc >= NEARLY * CURRENT_UA * 4_000
+        assert way * scene.body.charge_pc(HERE) <= way * scene.left_pc
+
+
+def test_phases_that_were_fired_or_taken_back_leave_nothing() -> None:
+    scene = Scene(phases=(True, False))
+    scene.fire()
+    assert scene.left_pc == 0
+    refused = Scene(phases=(True, False))
+    refused.rig.board.guard.permit(CURRENT_UA // 2)
+    with pytest.raises(GuardRefusal):
+        refused.fire()
+    assert refused.left_pc == 0
+    assert refused.booked_pc == 0
+
+
+def test_a_second_phase_that_is_refused_leaves_what_the_first_one_left() -> None:
+    scene = Scene(phases=(True, False))
+    permit = scene.rig.board.guard.permit
+
+    def refuse_the_next(*_: object) -> None:
+        permit(CURRENT_UA // 2)
+
+    scene.firing = Firing(scene.rig.board, scene.ledger, scene.rig.clock, refuse_the_next)
+    with pytest.raises(GuardRefusal):
+        scene.fire()
+    assert NEARLY * PHASE_PC < scene.left_pc <= PHASE_PC + 1.0
 
 
 def test_a_second_phase_that_failed_counts_from_its_own_beginning() -> None:

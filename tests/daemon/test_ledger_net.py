@@ -69,6 +69,15 @@ def test_phases_that_balance_leave_nothing_however_long_they_took() -> None:
     assert net_pc(ledger) == [0, 0, 0, 0]
 
 
+def test_what_did_not_balance_after_all_stays_on_either_side() -> None:
+    ledger = Ledger(4, AMPLE)
+    booking = ledger.book(entry(0, PLANNED_PC, net_pc=0), NOW_NS, WORST_PC)
+    ledger.leave(booking, 45_000)
+    assert net_pc(ledger) == [45_000, -15_000, -15_000, -15_000]
+    ledger.leave(booking, -45_000)
+    assert net_pc(ledger) == [0, 0, 0, 0]
+
+
 def test_a_correction_counts_as_of_when_the_pulse_was_booked() -> None:
     """Of what it had the third part and a little more, 1/e, is left after a second."""
     ledger = Ledger(4, AMPLE)

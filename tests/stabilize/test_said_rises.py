@@ -72,6 +72,34 @@ def test_a_program_that_repeats_a_word_says_it_once_in_half_a_minute() -> None:
     assert left[0] < RISE_A_MINUTE
 
 
+@pytest.mark.parametrize("weak", [1, 2, 5])
+def test_good_adds_nothing_to_a_rise_whatever_is_expected(weak: int) -> None:
+    """Who is content with what has been raised gets that, or less."""
+    offsets = FeltOffsets(1, may_raise=True)
+    for number in range(weak):
+        offsets.fired(0, number * 61 * S)
+        assert offsets.hear("too_weak", None, number * 61 * S) == "raises"
+    raised = offsets.factors()[0]
+    assert raised > 1.04
+    for number in range(weak, weak + 3):
+        offsets.fired(0, number * 61 * S)
+        assert offsets.hear("good", None, number * 61 * S) != "raises"
+        assert offsets.factors()[0] <= raised
+        raised = offsets.factors()[0]
+
+
+def test_good_takes_no_more_than_what_waits_for_room() -> None:
+    """A rise that the minute had no room for is not wanted any more."""
+    offsets = FeltOffsets(1, may_raise=True)
+    for second in (0, 30):
+        offsets.fired(0, second * S)
+        offsets.hear("too_weak", None, second * S)
+    offsets.hear("good", None, 40 * S)
+    for second in range(40, 300, 10):
+        offsets.fired(0, second * S)
+    assert offsets.factors()[0] <= RISE_A_MINUTE + 1e-9
+
+
 def test_it_is_known_how_long_a_rise_has_to_wait() -> None:
     offsets = FeltOffsets(2, may_raise=False)
     for electrode in range(2):

@@ -87,10 +87,15 @@ def in_use(
         on_presented(last)
         answer = _answered(presenter, answerer, last, "in_use", on_answered)
         if answer == "too_strong":
-            # Keys slip; nothing is shown until it is certain.
-            answer = _answered(presenter, answerer, last, "sure_in_use", on_answered)
-        if answer == "too_strong":
-            raise TooStrongInUse((number + 1) * use_s / QUESTIONS)
+            used_s = (number + 1) * use_s / QUESTIONS
+            # Keys slip; nothing is shown until it is certain. It may never be: who is in pain ends
+            # it, or the daemon is gone.
+            try:
+                answer = _answered(presenter, answerer, last, "sure_in_use", on_answered)
+            except BaseException as ended:
+                raise TooStrongInUse(used_s) from ended
+            if answer == "too_strong":
+                raise TooStrongInUse(used_s)
         answers.append(answer)
     return answers
 

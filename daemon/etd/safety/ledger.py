@@ -231,6 +231,13 @@ class Ledger:
         self._begun_ns[entry.electrode] = booking.before_ns
         self._room_pc = booking.room_before_pc
 
+    def leave(self, booking: Booking, net_pc: int) -> None:
+        """Of phases that were to balance not all have flowed: so much stays, positive into the
+        skin.
+        """
+        entry = booking.entry
+        self.net.add(entry.electrode, net_pc, entry.returns, booking.begun_ns)
+
     # --- room ------------------------------------------------------------------------------------
 
     def _narrowed_pc(self, booking: Booking) -> int:

@@ -17,8 +17,8 @@ may raise is decided by the caller. It is a request like any other: the limits c
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
   from the frame's own strength; a deeper one only as far as the estimate rises.
 - The same said of the same again within half a minute is one answer, but after *too strong*.
-- *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
-  neither of the two lowers anything.
+- *Good* may take from a rise above the frame's own, where less is expected by now, and never adds
+  to it; otherwise neither of the two lowers anything.
 - Up only while the electrode is fired: not for one that was not fired in the last minute, whose
   rise above the frame's own is lost as well.
 - Nothing rises by itself: without an answer a factor stays, or is lost by `reset`.
@@ -118,16 +118,15 @@ class _Rise:
 
 class _Electrode:
     """`offset`: the logarithm of its factor; `rises`: what took of the room of the last minute,
-    when, and how much. `has_weak`: the lease's holder has said *too weak* of it.
+    when, and how much.
     """
 
-    __slots__ = ("fired_ns", "has_weak", "insisting", "offset", "own", "rise", "rises")
+    __slots__ = ("fired_ns", "insisting", "offset", "own", "rise", "rises")
 
     def __init__(self) -> None:
         self.offset = 0.0
         self.rise: _Rise | None = None
         self.rises: tuple[tuple[int, float], ...] = ()
-        self.has_weak = False
         self.fired_ns: int | None = None
         self.own: OffsetEstimate | None = None
         self.insisting = _Insisting()
@@ -168,9 +167,8 @@ class _Electrode:
         if wanted < 0.0 and self.offset >= -BAND:
             wanted = 0.0
         least = self.offset if is_weak else min(self.offset, 0.0)
-        self.has_weak = self.has_weak or is_weak
-        # An estimate may lie above 0 without it: a fall of one electrode, taken back for all.
-        most = _MOST_LOG if self.has_weak and may_raise else 0.0
+        # Whatever is expected: *good* is of the strength that there is.
+        most = _MOST_LOG if is_weak and may_raise else max(self.offset, 0.0)
         wanted = min(max(wanted, least), most)
         self.offset = min(self.offset, wanted)
         self.rise = _Rise(wanted, now_ns)
