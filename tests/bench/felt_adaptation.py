@@ -6,14 +6,15 @@ the daemon's own (`etd.calibrate.adaptation`). Must not know: what is raised, an
 
 It is asked on another day than it is played: the same finger, which sweats, presses and peels at
 other times, and whose touch has rested. It lies for three minutes, all together are brought up to
-level 1, and then it is in use, as in `etd calibrate --adaptation`. The person errs as often, at
-other times. Asked on the very minutes that are judged, it would earn what these minutes need.
+level 1, which may take levels down for good, and then it is in use, as in `etd calibrate
+--adaptation`. The person errs as often, at other times, and answers for the mean strength alone.
+Asked on the very minutes that are judged, it would earn what these minutes need.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -37,6 +38,7 @@ from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Unsettled
 from etd.files.configuration import fake_config
 from etd.protocol.adaptation import MeasuredAdaptation
+from etd.protocol.calibration import ElectrodeLimits
 from etd.stabilize import offset_estimate
 from etd_body.course import Course as SkinCourse
 from etd_body.kinds import BodyKind
@@ -114,28 +116,44 @@ class _Remembers:
         return False
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What the command leaves: the levels that were accepted on that day, and what was found; None:
+    it would end before.
+    """
+
+    levels: tuple[ElectrodeLimits, ...]
+    adaptation: MeasuredAdaptation | None
+
+    @property
+    def may_raise(self) -> bool:
+        """Where the body site allows it."""
+        found = self.adaptation
+        return found is not None and found.why_not_in(found.date) is None
+
+
 @cache
-def own_adaptation(
-    kind: BodyKind, seed: int, manner: Manner, number: int
-) -> MeasuredAdaptation | None:
-    """Of one of a finger's persons; None: the command would end without."""
+def measured(kind: BodyKind, seed: int, manner: Manner, number: int) -> Measured:
+    """Of one of a finger's persons; their levels are the same."""
     finger = finger_of(kind, seed)
     calibration = finger.calibration
     used = _Used(another_day(kind, seed))
     used.pause(LIES_PART * USE_S)
     accepted = before_use(conditions_of(calibration, int(MOST_CAP_UA)), calibration)
-    wanted = level_1_strength(calibration) * finger.among**EXPONENT
+    whole = AcceptsWhole(used, level_1_strength(calibration) * finger.among**EXPONENT)
+    adaptation = None
     try:
-        whole = AcceptsWhole(used, wanted)
         Course(accepted, used, whole, lambda: calibration.date, baseline=calibration).feel_whole()
+        currents_ua = currents_in_use(accepted, calibration.gamma)
+        if currents_ua and used.felt.any():
+            person = Person(replace(manner, insists=False), seed, number + _OTHERWISE)
+            remembers = _Remembers(used, person)
+            answers = in_use(used, remembers, currents_ua, USE_S, lambda: used.now_s)
+            adaptation = adaptation_of(answers, USE_S, calibration.date)
     except Unsettled:
-        return None
-    currents_ua = currents_in_use(accepted, calibration.gamma)
-    if not currents_ua or not used.felt.any():
-        return None
-    person = Person(replace(manner, insists=False), seed, number + _OTHERWISE)
-    answers = in_use(used, _Remembers(used, person), currents_ua, USE_S, lambda: used.now_s)
-    return adaptation_of(answers, USE_S, calibration.date)
+        pass
+    levels = tuple(accepted.found[one] for one in range(len(calibration.electrode)))
+    return Measured(levels, adaptation)
 
 
 def another_day(kind: BodyKind, seed: int) -> LivingBody:
@@ -146,9 +164,3 @@ def another_day(kind: BodyKind, seed: int) -> LivingBody:
     body.skin.course = SkinCourse(body.skin.course.script, places, seed=seed + _OTHERWISE)
     body.look_at(0)
     return body
-
-
-def may_raise(kind: BodyKind, seed: int, manner: Manner, number: int) -> bool:
-    """Where the body site allows it."""
-    found = own_adaptation(kind, seed, manner, number)
-    return found is not None and found.why_not_in(found.date) is None

@@ -36,7 +36,7 @@ import numpy as np
 from bench import felt_adaptation, felt_drift
 from bench.felt_drift import Drift
 from bench.felt_person import Manner
-from bench.felt_play import MINUTES, Played, play
+from bench.felt_play import MINUTES, Played, finger_of, play
 from bench.run import Bound
 from etd_body.kinds import BodyKind
 
@@ -100,11 +100,13 @@ def compared(
     persons: int = PERSONS,
     processes: int = 1,
 ) -> list[Compared]:
-    """All of them where answers may not raise, as it ships; then all where they may."""
+    """All of them where answers may not raise, as it ships; then all where they may, with and
+    without answers by the levels that the measurement of that left.
+    """
     fingers, ways = list(product(bodies, seeds)), (False, True)
     with ProcessPoolExecutor(processes) as pool:
         drifts = {each: pool.submit(felt_drift.drift, *each, minutes) for each in fingers}
-        plain = {each: pool.submit(play, *each, None, minutes) for each in fingers}
+        plain = {each: pool.submit(unsaid, *each, manner, minutes) for each in fingers}
         said = {
             each: [
                 pool.submit(said_by, *each, manner, minutes, number) for number in range(persons)
@@ -116,7 +118,7 @@ def compared(
             body,
             may_raise,
             [[one.result() for one in said[body, seed]] for seed in seeds],
-            [plain[body, seed].result() for seed in seeds],
+            [plain[body, seed].result()[may_raise] for seed in seeds],
             felt_drift.mean_of([drifts[body, seed].result() for seed in seeds]),
         )
         for may_raise, body in product(ways, bodies)
@@ -142,7 +144,7 @@ def again_where_common(
 @dataclass(frozen=True)
 class Outcome:
     """Of one person: as it ships, and where the body site lets answers raise. `may_raise`: it was
-    measured of them, before, that they feel less in use; otherwise both are the same.
+    measured of them, before, that they feel less in use.
     """
 
     ships: Played
@@ -150,13 +152,27 @@ class Outcome:
     may_raise: bool
 
 
+def unsaid(kind: BodyKind, seed: int, manner: Manner, minutes: float) -> tuple[Played, Played]:
+    """A finger's ten minutes without answers: with the levels as calibrated, and as the measurement
+    left them.
+    """
+    plain = play(kind, seed, None, minutes)
+    levels = felt_adaptation.measured(kind, seed, manner, 0).levels
+    if levels == finger_of(kind, seed, minutes).calibration.electrode:
+        return plain, plain
+    return plain, play(kind, seed, None, minutes, levels=levels)
+
+
 def said_by(kind: BodyKind, seed: int, manner: Manner, minutes: float, number: int) -> Outcome:
     """One person's ten minutes."""
     ships = play(kind, seed, manner, minutes, number)
-    if not felt_adaptation.may_raise(kind, seed, manner, number):
+    found = felt_adaptation.measured(kind, seed, manner, number)
+    if not found.may_raise and found.levels == finger_of(kind, seed, minutes).calibration.electrode:
         return Outcome(ships, ships, may_raise=False)
-    raising = play(kind, seed, manner, minutes, number, may_raise=True)
-    return Outcome(ships, raising, may_raise=True)
+    raising = play(
+        *(kind, seed, manner, minutes, number), may_raise=found.may_raise, levels=found.levels
+    )
+    return Outcome(ships, raising, found.may_raise)
 
 
 def _beside(

@@ -12,10 +12,11 @@ minutes take a second or two.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from msgspec import structs
 
 from bench import steady_skin
 from bench.felt_person import EXPONENT, Manner, Person, times_wanted, wanted_strength
@@ -24,7 +25,7 @@ from bench.steady_figures import SteadyFigures, figures, firm_of
 from bench.steady_run import Kept
 from bench.steady_skin import CALIBRATED_S, Finger
 from etd.files.configuration import fake_config
-from etd.protocol.calibration import Calibration
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.stabilize.said import FeltOffsets
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
@@ -98,14 +99,19 @@ def play(
     number: int = 0,
     *,
     may_raise: bool = False,
+    levels: tuple[ElectrodeLimits, ...] | None = None,
 ) -> Played:
     """One finger; `manner` None: nobody says anything. `number`: which of its persons. `may_raise`:
-    as the body site has it, for what is said.
+    as the body site has it, for what is said. `levels`: in place of those that were calibrated.
     """
     factors: Factors = Unsaid()
     if manner is not None:
         factors = Said(Person(manner, seed, number), may_raise=may_raise)
-    kept, times = scans(finger_of(kind, seed, minutes), factors)
+    finger = finger_of(kind, seed, minutes)
+    if levels is not None:
+        calibration = structs.replace(finger.calibration, electrode=levels)
+        finger = replace(finger, calibration=calibration)
+    kept, times = scans(finger, factors)
     judged = [Person(Manner(), seed).judges(value) for value in times]
     return Played(
         figures("nothing said" if manner is None else "said", [kept]),

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
+from math import nan
 from pathlib import Path
 
 import msgspec
@@ -61,9 +62,13 @@ class Cell:
     def kept(self, folder: Path = KEPT) -> SteadyFigures | None:
         """None where it was not played, or with other code."""
         try:
-            return msgspec.json.decode(self.path(folder).read_bytes(), type=SteadyFigures)
+            found = msgspec.json.decode(self.path(folder).read_bytes())
         except FileNotFoundError:
             return None
+        # JSON has no number for what is nothing.
+        number = {field.name for field in fields(SteadyFigures) if field.type == "float"}
+        given = {key: nan if key in number and it is None else it for key, it in found.items()}
+        return msgspec.convert(given, SteadyFigures)
 
     def played(self, folder: Path = KEPT) -> SteadyFigures:
         """As it was kept, or played now and kept."""

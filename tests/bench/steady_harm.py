@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, isnan, nan
 
 from bench.run import Bound
 from bench.steady_figures import SteadyFigures
@@ -29,7 +29,9 @@ BOUND = (*SHIPPED, *RECOMMENDED)
 
 @dataclass(frozen=True)
 class Pooled:
-    """Several fingers of one body under one law: means, and scans above pain in all."""
+    """Several fingers of one body under one law: means, and scans above pain in all. `over_time` is
+    of those on which anything is felt; nan where that is none.
+    """
 
     over_time: float
     not_felt: float
@@ -37,16 +39,20 @@ class Pooled:
     mean_felt: float
     #: Of these fingers, how many have no law, since their k is refused.
     refused: int = 0
+    #: On how many nothing is felt.
+    silent: int = 0
 
     @classmethod
     def of(cls, fingers: Sequence[SteadyFigures]) -> Pooled:
         count = len(fingers)
+        varied = [finger.over_time for finger in fingers if not isnan(finger.over_time)]
         return cls(
-            sum(finger.over_time for finger in fingers) / count,
+            sum(varied) / len(varied) if varied else nan,
             sum(finger.below_threshold for finger in fingers) / count,
             sum(finger.scans_above_pain for finger in fingers),
             sum(finger.mean_felt for finger in fingers) / count,
             sum(finger.is_refused for finger in fingers),
+            count - len(varied),
         )
 
 
@@ -62,6 +68,13 @@ class Harm:
 
     @property
     def variation_times(self) -> float:
+        """Without end where a law silences a finger. Where nothing is felt without one either,
+        there is no variation that it could be times of: the other two tell.
+        """
+        if self.with_law.silent > self.plain.silent:
+            return inf
+        if isnan(self.plain.over_time):
+            return 1.0
         return _times(self.with_law.over_time, self.plain.over_time)
 
     @property

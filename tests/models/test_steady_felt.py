@@ -25,6 +25,7 @@ from bench.felt_compared import (
     compared,
     said_by,
     standard_error,
+    unsaid,
 )
 from bench.felt_drift import COMMON, LEAST_SIZE, Drift
 from bench.felt_laws import UNTOLD, WithLaw, with_law
@@ -129,7 +130,6 @@ def test_each_bound_can_say_no(drift: Drift, *, may_raise: bool, bound: float) -
 
 
 def test_all_is_asked_as_it_ships_and_where_answers_may_raise() -> None:
-    """But for pain on the excluded bodies, where they may."""
     hurts = replace(PLAIN, scans_above_pain=100.0)
     ways = [
         Compared(body, may_raise, hurts, hurts, 1.0, 1.0, EACH_ITS_OWN)
@@ -139,14 +139,14 @@ def test_all_is_asked_as_it_ships_and_where_answers_may_raise() -> None:
     named = [bound.what for bound in asked(ways)]
     assert sum("variation" in what for what in named) == 2 * len(BodyKind)
     assert sum("not felt" in what for what in named) == 2 * len(BodyKind)
-    assert sum("pain" in what for what in named) == 2 * len(BodyKind) - len(felt_harm.EXCLUDED)
+    assert sum("pain" in what for what in named) == 2 * len(BodyKind)
 
 
 def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> None:
     """Nobody of a finger that feels alike all the time; on one that adapts, most."""
     manner, (seed,) = Manner(), TESTED
     raisers = {
-        body: sum(felt_adaptation.may_raise(body, seed, manner, number) for number in range(4))
+        body: sum(felt_adaptation.measured(body, seed, manner, it).may_raise for it in range(4))
         for body in (BodyKind.INDIFFERENT, BodyKind.ADAPTING)
     }
     assert raisers[BodyKind.INDIFFERENT] == 0
@@ -156,7 +156,24 @@ def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> N
     assert adapts.raising.figures != adapts.ships.figures
     stays = said_by(BodyKind.INDIFFERENT, seed, manner, 3.0, 0)
     assert not stays.may_raise
-    assert stays.raising == stays.ships
+
+
+def test_what_the_measurement_took_down_is_what_is_played_after_it() -> None:
+    """With and without answers: levels that were too strong on that day are gone for good."""
+    manner, (seed,) = Manner(), TESTED
+    for body in (BodyKind.INDIFFERENT, BodyKind.SOAKING):
+        calibrated = finger_of(body, seed).calibration.electrode
+        levels = felt_adaptation.measured(body, seed, manner, 0).levels
+        pairs = list(zip(levels, calibrated, strict=True))
+        assert all(left.comfortable_ua <= before.comfortable_ua for left, before in pairs)
+        is_lower = levels != calibrated
+        assert is_lower == (body is BodyKind.SOAKING)
+        plain, plain_after = unsaid(body, seed, manner, 1.0)
+        said = said_by(body, seed, manner, 1.0, 0)
+        assert (plain_after.figures == plain.figures) != is_lower
+        assert (said.raising.figures == said.ships.figures) != is_lower
+        if is_lower:
+            assert plain_after.figures.mean_felt < plain.figures.mean_felt
 
 
 def test_it_is_asked_of_the_same_finger_on_another_day_than_it_is_played() -> None:
@@ -206,13 +223,24 @@ def test_nothing_is_above_pain_where_nothing_was_not_even_on_an_excluded_body(
 @pytest.mark.parametrize("body", BodyKind)
 def test_more_above_pain_is_out_of_bounds_or_an_exclusion_that_is_said(body: BodyKind) -> None:
     plain = replace(PLAIN, scans_above_pain=100.0)
-    for count, is_met in ((119.0, True), (121.0, False)):
+    for count, is_in in ((119.0, True), (121.0, False)):
         found = [harmed(body, plain, replace(plain, scans_above_pain=count))]
         held = [bound.is_met for bound in felt_harm.bounds(found) if "pain" in bound.what]
         said = felt_harm.excluded(found)
-        assert held == ([] if body in felt_harm.EXCLUDED else [is_met])
-        assert len(said) == (body in felt_harm.EXCLUDED and not is_met)
+        assert held == [is_in or body in felt_harm.EXCLUDED]
+        assert len(said) == (body in felt_harm.EXCLUDED and not is_in)
         assert all(f"{body} is excluded" in each for each in said)
+
+
+@pytest.mark.parametrize("body", felt_harm.EXCLUDED)
+def test_an_exclusion_has_a_bound_of_its_own(body: BodyKind) -> None:
+    plain = replace(PLAIN, scans_above_pain=100.0)
+    most = felt_harm.EXCLUDED[body].most_times
+    assert most > 1.2
+    for times, is_met in ((0.99 * most, True), (1.01 * most, False)):
+        found = [harmed(body, plain, replace(plain, scans_above_pain=100.0 * times))]
+        held = [bound.is_met for bound in felt_harm.bounds(found) if "pain" in bound.what]
+        assert held == [is_met]
 
 
 @pytest.mark.parametrize("body", BodyKind)

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
+from math import inf, isnan, nan
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from bench import steady_cells
@@ -39,6 +41,37 @@ KEPT = replace(PLAIN, name=LAW, over_time=0.119, below_threshold=0.059)
 def found(with_law: SteadyFigures, plain: SteadyFigures = PLAIN) -> Harm:
     (harm,) = harms({(BODY, LAW, SEED): with_law, (BODY, NONE, SEED): plain})
     return harm
+
+
+SILENT = replace(KEPT, over_time=nan, over_electrodes=nan, below_threshold=1.0, mean_felt=0.0)
+
+
+def test_a_law_that_silences_a_finger_is_out_and_hides_nothing_of_another() -> None:
+    assert found(SILENT).is_out
+    assert found(SILENT).variation_times == inf
+    assert found(SILENT, replace(SILENT, name=NONE)).worst == 1.0
+    hurts = replace(KEPT, scans_above_pain=900)
+    of_two = {(BODY, LAW, 1): SILENT, (BODY, LAW, 2): hurts} | {
+        (BODY, NONE, seed): PLAIN for seed in (1, 2)
+    }
+    (harm,) = harms(of_two)
+    assert harm.is_out
+    assert sum(not bound.is_met for bound in harm.bounds()) == 3
+    in_reach, *_ = harms({(BODY, LAW, 1): KEPT, (BODY, NONE, 1): SILENT})
+    assert in_reach.variation_times == 1.0, "a law by which something is felt at last"
+
+
+def test_a_finger_on_which_nothing_is_felt_is_kept_and_read_again(tmp_path: Path) -> None:
+    cell = Cell(SHORT, BODY, LAW, SEED)
+    path = cell.path(tmp_path)
+    path.parent.mkdir(parents=True)
+    path.write_bytes(msgspec.json.encode(asdict(SILENT)))
+    again = cell.kept(tmp_path)
+    assert again is not None
+    assert isnan(again.over_time)
+    assert replace(again, over_time=0.0, over_electrodes=0.0) == replace(
+        SILENT, over_time=0.0, over_electrodes=0.0
+    )
 
 
 def test_what_stays_within_the_bounds_is_not_out() -> None:
