@@ -164,7 +164,9 @@ def main() -> int:
         found = _all_played(args, errors)
         lines = record.lines_of(found, _conditions(args))
         broken = not_met(found, bounds())
-    if args.write:
+    if args.write and broken:
+        errors.print("Not written: the record and the page have what holds (--kept: again)")
+    elif args.write:
         # A run of all takes the place of everything; of some classes, of these.
         kept = record.recorded() if args.only else []
         written = lines if args.recorded else record.merged(kept, lines)

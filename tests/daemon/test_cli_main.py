@@ -220,7 +220,9 @@ def test_stop_tells_two_daemons_of_one_name_apart() -> None:
 
 
 def test_a_name_that_cannot_be_a_folder_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run", "--name", "no/name", "--board", "fake"]) == 1
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "--name", "no/name", "--board", "fake"])
+    assert ended.value.code == 2
     assert "no/name" in capsys.readouterr().err
 
 

@@ -15,6 +15,8 @@ WRONG = [
     ["calibration", "show"],
     ["play"],
     ["monitor", "--seconds", "-1"],
+    ["stop", "--name", "../../etc"],
+    ["record", "list", "--name", "a\n"],
 ]
 
 

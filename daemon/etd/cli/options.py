@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from etd.files.paths import DEFAULT_NAME, address_of
+from etd.files.paths import DEFAULT_NAME, address_of, check_name
 from etd.protocol.errors import FileError
 from etd.protocol.text import shown
 from etd_hal.modelled_fingers import KINDS, Finger, finger_named
@@ -60,8 +60,19 @@ def address_named(args: argparse.Namespace) -> str | None:
 
 def add_name(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--name", default=DEFAULT_NAME, help="the daemon's name (default: %(default)s)"
+        "--name",
+        type=daemon_name,
+        default=DEFAULT_NAME,
+        help="the daemon's name (default: %(default)s)",
     )
+
+
+def daemon_name(text: str) -> str:
+    """Raises: ArgumentTypeError."""
+    try:
+        return check_name(text)
+    except FileError as error:
+        raise argparse.ArgumentTypeError(f"{error.value}; {error.allowed}") from None
 
 
 def add_json(parser: argparse.ArgumentParser, what: str = "one JSON object") -> None:

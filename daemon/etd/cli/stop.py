@@ -65,7 +65,7 @@ class Stopped(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--name", help="only this daemon (default: all)")
+    parser.add_argument("--name", type=options.daemon_name, help="only this daemon (default: all)")
     options.add_host(parser)
     options.add_folder(parser)
     options.add_json(parser)

@@ -149,7 +149,8 @@ class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         if today is not None and self.date > today + _AHEAD:
             return (
                 f"k = {self.k:.2f} is of {self.date}, and today is {today}: one of the two is"
-                " wrong; set the clock, or measure it again (etd calibrate CODE --fit)"
+                " wrong; set the clock, or measure it again (etd calibrate CODE --fit); until then"
+                " the engine, which knows no date, goes by it"
             )
         return None
 
