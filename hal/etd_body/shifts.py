@@ -8,7 +8,8 @@ adaptation comes nearer to it [design].
 
 *Use*: stimulation above threshold raises it: by 60 to 270 % after 15 minutes, and both adaptation
 and recovery are complete in about as long (Kaczmarek 2000, IEEE Trans. Rehabil. Eng. 8:499, on the
-abdomen). The course is an exponential with a third of that time [design].
+abdomen). The course is an exponential with a third of that time, and what counts is the threshold
+at rest: a pulse that is not felt any more is use as well [design].
 
 *Summation*: a neighbor's pulse, of 10 to 50 % of its own threshold, lowers the threshold of the one
 that follows by 18 to 36 % (Spatial summation of electro-tactile displays at subthreshold, 14
@@ -26,7 +27,7 @@ import numpy as np
 from etd_body.mesh import neighbors
 from etd_body.tissue import Floats
 
-#: A pulse above threshold is use for so long: an electrode at a pulse a second is in use.
+#: A pulse above the threshold at rest is use for so long: once a second is in use.
 _USED_NS = 1e9
 #: Of its own threshold: what a neighbor's pulse must be to add.
 _LEAST_SUMMED = 0.1
