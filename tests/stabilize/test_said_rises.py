@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import ANSWERED_LOWERED_BY, RISE_A_MINUTE, FeltOffsets
 
 S = 1_000_000_000
@@ -86,6 +87,20 @@ def test_good_adds_nothing_to_a_rise_whatever_is_expected(weak: int) -> None:
         assert offsets.hear("good", None, number * 61 * S) != "raises"
         assert offsets.factors()[0] <= raised
         raised = offsets.factors()[0]
+
+
+def test_too_weak_of_a_small_fall_gives_it_back_and_raises_nothing_while_less_is_expected() -> None:
+    """Where raising is allowed as well: two of four answers were *too strong*."""
+    offsets = FeltOffsets(1, may_raise=True)
+    said: tuple[tuple[int, Answer], ...] = ((0, "too_strong"), (100, "too_strong"), (200, "good"))
+    for second, answer in said:
+        offsets.fired(0, second * S)
+        offsets.hear(answer, None, second * S)
+    offsets.fired(0, 259 * S)
+    assert offsets.hear("too_weak", None, 270 * S) == "gives_back"
+    for second in range(270, 400, 10):
+        offsets.fired(0, second * S)
+    assert offsets.factors()[0] == pytest.approx(1.0)
 
 
 def test_good_takes_no_more_than_what_waits_for_room() -> None:
