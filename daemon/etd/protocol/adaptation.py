@@ -70,8 +70,8 @@ class MeasuredAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             )
         if today is not None and self.date > today + _AHEAD:
             return (
-                f"it is of {self.date}, and today is {today}: set the clock, or {_AGAIN}; until then"
-                " the engine, which knows no date, goes by it"
+                f"it is of {self.date}, and today is {today}: set the clock, or {_AGAIN}; until"
+                " then the engine, which knows no date, goes by it"
             )
         return None
 
