@@ -33,6 +33,7 @@ from campaign.kind import Kind  # noqa: E402
 from campaign.operations import Port  # noqa: E402
 from campaign.places import chosen  # noqa: E402
 from campaign.record import Line  # noqa: E402
+from campaign.results import BENCH  # noqa: E402
 
 _BOUNDED_PART = 300
 _EACH = 3
@@ -102,14 +103,22 @@ def _why_not_to_write(args: argparse.Namespace) -> str:
     """Of a part of the campaign: the record has whole classes. Nothing where it may be written."""
     if args.recorded:
         return ""
-    whole = args.scenes == tuple(scenes.SCENES) and args.boards == scenes.BOARDS
-    if args.part != 1 or not whole:
-        return "--write with a part of the cases: the record has whole classes"
+    if args.part != 1 or not _is_whole(args):
+        return (
+            "--write with a part of the cases: the record has whole classes, of all scenes with a"
+            f" person, or of the {BENCH}, on all boards"
+        )
     if args.only and args.pairs:
         return "--write with --only: add --pairs 0, since the record has pairs of all kinds"
     if args.only and (name := choice.part_of_a_class(args.only)):
         return f"--write with --only: it leaves out a part of the class {name!r}"
     return ""
+
+
+def _is_whole(args: argparse.Namespace) -> bool:
+    """The bench of a self-test has lines of its own."""
+    every, asked_for = set(scenes.SCENES), set(args.scenes)
+    return asked_for in (every, every - {BENCH}, {BENCH}) and args.boards == scenes.BOARDS
 
 
 def show(console: Console, lines: Sequence[Line]) -> None:
@@ -167,8 +176,9 @@ def main() -> int:
     if args.write and broken:
         errors.print("Not written: the record and the page have what holds (--kept: again)")
     elif args.write:
-        # A run of all takes the place of everything; of some classes, of these.
-        kept = record.recorded() if args.only else []
+        # A run of all takes the place of everything; of some classes or scenes, of these.
+        is_part = args.only or set(args.scenes) != set(scenes.SCENES)
+        kept = record.recorded() if is_part else []
         written = lines if args.recorded else record.merged(kept, lines)
         record.record(written)
         docs.write(written)

@@ -399,6 +399,24 @@ def test_the_page_and_the_record_agree_and_hold() -> None:
         assert all("| " + " | ".join(row) + " |\n" in page for row in rows)
 
 
+@pytest.mark.parametrize(
+    "part",
+    [
+        ["--scenes", "frames"],
+        ["--scenes", "frames", BENCH],
+        ["--boards", GUARDED],
+        ["--bounded"],
+        ["--only", "an edge of the latch"],
+    ],
+    ids=" ".join,
+)
+def test_a_part_of_a_class_is_not_written(part: list[str], tmp_path: Path) -> None:
+    """Nothing is played, nor would anything be kept there."""
+    asked = [sys.executable, str(RUN), "--kept", "--write", "--folder", str(tmp_path), *part]
+    done = subprocess.run(asked, capture_output=True, text=True, check=False)
+    assert (done.returncode, "--write with" in done.stderr) == (2, True)
+
+
 def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path) -> None:
     command = [sys.executable, str(RUN), "--bounded", "--pairs", "2", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
