@@ -109,17 +109,25 @@ def of_silence(lines: Sequence[Line]) -> str:
     if not silent:
         return ""
 
-    def most(on_bench: bool) -> float:
-        return max(
-            (one.silent_most_uc or 0.0 for one in silent if (one.on == BENCH) is on_bench),
-            default=0.0,
-        )
-
+    at_person = [one for one in silent if one.on != BENCH]
+    at_bench = [one for one in silent if one.on == BENCH]
+    most = [
+        f"{_most_uc(those)}{where}"
+        for those, where in ((at_person, ""), (at_bench, " in a self-test"))
+        if those
+    ]
     return (
         f"Of classes that something tells {sum(one.silent for one in silent)} of"
-        f" {sum(one.cases for one in told)} cases were silent: of {most(False):.3f} uC at most, and"
-        f" of {most(True):.3f} in a self-test."
+        f" {sum(one.cases for one in told)} cases were silent: {', and '.join(most)}."
     )
+
+
+def _most_uc(those: Sequence[Line]) -> str:
+    """The largest that was silent."""
+    kept = [one.silent_most_uc for one in those if one.silent_most_uc is not None]
+    if len(kept) < len(those):
+        return f"{sum(one.silent for one in those)} of them of a size that was not kept"
+    return f"{sum(one.silent for one in those)} of them of {max(kept):.3f} uC at most"
 
 
 def _by(part: dict[str, Any]) -> str:

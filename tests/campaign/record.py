@@ -100,7 +100,9 @@ def _sum(on: str, pulse_pc: int, those: Sequence[Line]) -> dict[str, Any]:
 
 
 def played(lines: Sequence[Line]) -> list[dict[str, Any]]:
-    """By whom and when: the largest part first, with all classes that later ones do not name."""
+    """By whom and when: the largest part first, with all classes that later ones do not name. What
+    has played all there is on a board, or on the bench, names that.
+    """
     parts: dict[tuple[str, str, str], list[Line]] = {}
     for line in lines:
         parts.setdefault((line.version, line.day, line.how), []).append(line)
@@ -110,9 +112,17 @@ def played(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "day": day,
             "how": how,
             "cases": sum(one.cases for one in those),
-            "classes": list(dict.fromkeys(one.fault_class for one in those)),
+            "classes": _played_by(those, lines),
         }
         for (version, day, how), those in parts.items()
     ]
     first, *later = sorted(found, key=lambda part: -part["cases"])
     return [{**first, "classes": ["all others" if later else "all"]}, *later]
+
+
+def _played_by(those: Sequence[Line], lines: Sequence[Line]) -> list[str]:
+    """Its classes; or where they are, if nothing else is there."""
+    where = {one.on for one in those}
+    if sum(line.on in where for line in lines) == len(those):
+        return [f"all of {on}" for on in sorted(where)]
+    return list(dict.fromkeys(one.fault_class for one in those))

@@ -344,6 +344,11 @@ def test_what_was_played_anew_takes_the_place_of_its_class_and_the_rest_says_whe
     (row,) = in_all(recorded(file))
     assert (row["cases"], row["told"], row["latent"], row["safe_most_ms"]) == (6, 4, 2, 2.0)
     assert [part["classes"] for part in played(first)] == [["all"]]
+    bench = line("a gain", "ghi", "2026-11-03", "At all", scene=BENCH)
+    assert [part["classes"] for part in played([*first, bench])] == [
+        ["all others"],
+        ["all of self-test"],
+    ]
     parts = played(recorded(file))
     assert [part["classes"] for part in parts] == [["all others"], ["an overshoot"]]
 
@@ -359,8 +364,12 @@ def test_the_page_says_how_much_was_silent_of_what_something_tells() -> None:
     at_bench = told(fault_class=in_step, scene=BENCH, beyond_shared_pc=20_000.0)
     assert said(told(fault_class="an overshoot", beyond_alone_pc=9_000.0)) == ""
     assert said(small, at_bench, told(fault_class=in_step, seen="halted")) == (
-        "Of classes that something tells 2 of 3 cases were silent: of 0.009 uC at most, and of"
-        " 0.020 in a self-test."
+        "Of classes that something tells 2 of 3 cases were silent: 1 of them of 0.009 uC at most,"
+        " and 1 of them of 0.020 uC at most in a self-test."
+    )
+    (unkept,) = (replace(one, silent_most_uc=None) for one in lines_of([at_bench], ""))
+    assert docs.of_silence([unkept]).endswith(
+        "1 of them of a size that was not kept in a self-test."
     )
 
 
