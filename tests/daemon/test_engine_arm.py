@@ -236,7 +236,7 @@ def test_a_rail_on_its_way_to_too_high_halts_soon_after_it_was_found_there(
 def test_a_rail_that_becomes_unknown_while_contact_is_measured_halts_between_two_probes(
     make_rig: MakeRig,
 ) -> None:
-    """The reading that let the probes begin is stale before they are over."""
+    """What let the probes begin is stale before they are over."""
     rig = armed(make_rig(REFERENCE))
     rig.ask(DisarmBoard, lease=LEASE)
     rig.engine.components.board.supply_on()
@@ -248,9 +248,8 @@ def test_a_rail_that_becomes_unknown_while_contact_is_measured_halts_between_two
     while rig.engine.components.rail.rail_v(rig.clock.now_ns() + 10 * MS) is not None:
         rig.engine.components.board.beat()
         rig.run_ms(1)
-    before = len(phases(rig))
-    answer = rig.ask(ArmBoard)
-    probed = phases(rig)[before:]
+    begun_ns, answer = rig.clock.now_ns(), rig.ask(ArmBoard)
+    probed = phases(rig, begun_ns)
     assert answer.error == "arm_failed"
     assert "the rail is not known" in answer.reason
     assert halts(rig)[0].source == "rail"

@@ -408,17 +408,10 @@ def test_the_page_and_the_record_agree_and_hold() -> None:
         assert all("| " + " | ".join(row) + " |\n" in page for row in rows)
 
 
-@pytest.mark.parametrize(
-    "part",
-    [
-        ["--scenes", "frames"],
-        ["--scenes", "frames", BENCH],
-        ["--boards", GUARDED],
-        ["--bounded"],
-        ["--only", "an edge of the latch"],
-    ],
-    ids=" ".join,
-)
+PARTS = (["--scenes", "frames", BENCH], ["--boards", GUARDED], ["--bounded"], ["--only", "an edge"])
+
+
+@pytest.mark.parametrize("part", PARTS, ids=" ".join)
 def test_a_part_of_a_class_is_not_written(part: list[str], tmp_path: Path) -> None:
     """Nothing is played, nor would anything be kept there."""
     asked = [sys.executable, str(RUN), "--kept", "--write", "--folder", str(tmp_path), *part]
