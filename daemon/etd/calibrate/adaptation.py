@@ -32,9 +32,8 @@ from etd.protocol.errors import EtdError
 USE_S: Final = 600.0
 QUESTIONS: Final = 40
 #: Before that the finger lies still, for this part of it: most of the sweat comes then, which is
-#: not what use does; and a skin that is drier than when it was calibrated has levels taken down
-#: that are missing afterwards.
-LIES_PART: Final = 0.5
+#: not what use does.
+LIES_PART: Final = 0.3
 #: Of a picture, and how often all of it comes.
 USE_LEVEL: Final = 0.6
 _EACH_S: Final = 1.0
