@@ -123,6 +123,13 @@ def armed(rig: EngineRig, max_current_ua: int = 3_000) -> EngineRig:
     return rig
 
 
+def balancing(loaded: LoadedConfig, net_charge_nc: int) -> LoadedConfig:
+    """At a site that has both phases fired of what would leave more than this."""
+    maxima = msgspec.structs.replace(loaded.body_site.maxima, net_charge_nc=net_charge_nc)
+    site = msgspec.structs.replace(loaded.body_site, balance="biphasic", maxima=maxima)
+    return dataclasses.replace(loaded, body_site=site)
+
+
 def opened_to(rig: EngineRig, current_ua: int) -> None:
     """As if so much had been fired: how the opening rises by itself is tested at the wire, and
     what was fired for it would be in the ledgers and the maps of everything else.

@@ -116,17 +116,10 @@ def with_law(
     *,
     of_each: bool = False,
 ) -> WithLaw:
-    plain, alone = (_played(body, name, seed, minutes, None) for name in (NONE, law))
-    said, off_min = answered(body, law, seed, manner, minutes, of_each=of_each)
-    return WithLaw(body, law, seed, plain, alone, said, off_min, of_each)
-
-
-def answered(
-    body: BodyKind, law: str, seed: int, manner: Manner, minutes: float, *, of_each: bool
-) -> tuple[SteadyFigures, float | None]:
-    """The law with answers alone, and when it was given up."""
     answers = _Answers(Person(manner, seed), of_each=of_each)
-    return _played(body, law, seed, minutes, answers), answers.off_min
+    plain, alone = (_played(body, name, seed, minutes, None) for name in (NONE, law))
+    said = _played(body, law, seed, minutes, answers)
+    return WithLaw(body, law, seed, plain, alone, said, answers.off_min, of_each)
 
 
 def _played(

@@ -148,21 +148,19 @@ def _why_of_class(line: Line, rows: Mapping[str, Bound]) -> str:
     if row is None:
         return f"{FILE.name} has no row for it"
     told_by, times = row.rows_on(line.on), line.pulse_pc / PULSE_PC
-    if (
-        line.silent
-        and told_by
-        and _is_beyond(line.silent_most_uc, row.silent_most_uc(line.on) * times)
-    ):
-        silent_uc = (
-            "" if line.silent_most_uc is None else f" of {line.silent_most_uc:.3f} uC at most"
-        )
-        return f"{line.silent} in silence{silent_uc}, and it should be told by {told_by[0]}"
+    if told_by and _is_too_silent(line, row.silent_most_uc(line.on) * times):
+        size = "of a size that was not kept"
+        if line.silent_most_uc is not None:
+            size = f"of {line.silent_most_uc:.3f} uC at most"
+        return f"{line.silent} in silence, {size}, and it should be told by {told_by[0]}"
     if late := _too_late(row, line.safe_most_ms):
         return late
     bounding = list(rows.values()) if line.fault_class == PAIR else [row]
     return _too_much(bounding, line.on, times, line.most_uc)
 
 
-def _is_beyond(silent_uc: float | None, allowed_uc: float) -> bool:
-    """None: it was not kept, so that anything allowed is taken for enough."""
-    return not allowed_uc if silent_uc is None else silent_uc > allowed_uc
+def _is_too_silent(line: Line, allowed_uc: float) -> bool:
+    """Where the size was not kept, anything allowed is taken for enough."""
+    if line.silent_most_uc is None:
+        return line.silent > 0 and not allowed_uc
+    return line.silent_most_uc > allowed_uc

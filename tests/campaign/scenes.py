@@ -26,7 +26,7 @@ from campaign.operations import Operations
 from campaign.scene import Over, Scene
 from campaign.selftest_scene import SelftestScene
 from engine_rig import LEASE
-from engine_scenes import calibration, exponent, opened_to
+from engine_scenes import balancing, calibration, exponent, opened_to
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.link import (
     ArmBoard,
@@ -136,10 +136,7 @@ class _BalancedFrames(_Engine):
     def __init__(
         self, loaded: LoadedConfig, operations: Operations, course: Course | None = None
     ) -> None:
-        replace, given = msgspec.structs.replace, loaded.body_site
-        maxima = replace(given.maxima, net_charge_nc=_BALANCED_NC)
-        site = replace(given, balance="biphasic", maxima=maxima)
-        super().__init__(dataclasses.replace(loaded, body_site=site), operations, course)
+        super().__init__(balancing(loaded, _BALANCED_NC), operations, course)
 
     @property
     def pulse_pc(self) -> int:

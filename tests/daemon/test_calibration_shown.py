@@ -48,7 +48,9 @@ def test_what_use_did_is_said_with_what_follows_of_it() -> None:
     assert "2026-01-15: the person's word may raise levels, by at most 5 % a minute" in line
     assert "raises nothing: below 60% weaker" in said(adaptation=replace(found, weaker=11))
     later = replace(found, date=datetime.date(2099, 1, 1))
-    assert "raises nothing: it is of 2099-01-01, and today is" in said(adaptation=later)
+    doubted = said(adaptation=later)
+    assert "may raise levels" in doubted, "by the engine, which knows no date"
+    assert "in doubt: it is of 2099-01-01, and today is" in doubted
     assert "MeasuredAdaptation" not in line
 
 
@@ -63,9 +65,9 @@ def test_an_exponent_is_said_with_its_interval_and_whether_it_may_be_used() -> N
     assert "12% of the silent trials were felt" in said(
         exponent=replace(FITTED, catch_trials=40, false_alarm_rate=0.12)
     )
-    assert "and today is 2026-01-15" in said(
-        exponent=replace(FITTED, date=datetime.date(2099, 1, 1))
-    )
+    doubted = said(exponent=replace(FITTED, date=datetime.date(2099, 1, 1)))
+    assert "may be used with kajimoto-hv507" in doubted
+    assert "in doubt: k = 0.80 is of 2099-01-01, and today is 2026-01-15" in doubted
     refused = said(exponent=replace(FITTED, low=-0.1))
     assert "not for this person: k = 0.80" in refused
     assert "has zero in it" in refused

@@ -252,7 +252,11 @@ def test_whether_one_lease_can_have_two_calibrations_is_told_before_it_is_opened
         ("explained_of_all = 0.8,", "", "before it was kept how much it explains of all"),
         ("high = 0.8", "high = 50.0", "ends further from k than zero"),
         ("2025-01-15", "1990-01-01", "not for this person: k = 0.70 is of 1990-01-01, before the"),
-        ("2025-01-15", "2099-01-01", "k = 0.70 is of 2099-01-01, and today is 2026-01-15"),
+        (
+            "2025-01-15",
+            "2099-01-01",
+            "ohm), in doubt: k = 0.70 is of 2099-01-01, and today is 2026",
+        ),
         ("low = 0.6", "low = -0.6", "has zero in it"),
         (', board = "kajimoto-hv507"', "", "was measured before its board was kept with it"),
     ],
@@ -271,6 +275,26 @@ def test_whether_a_k_may_be_used_is_told_of_a_calibration(
     checked = check_file(path, datetime.date(2026, 1, 15))
     assert checked.error is None
     assert told in checked.summary
+
+
+@pytest.mark.parametrize(
+    ("date", "told"),
+    [
+        ("2026-01-15", "at a body site that allows it (felt_may_raise)"),
+        ("2099-01-01", "site that allows it (felt_may_raise), in doubt: in the second half of 600"),
+        ("1990-01-01", "the person's word raises nothing: in the second half of 600 s of use"),
+    ],
+)
+def test_what_the_engine_makes_of_a_measured_adaptation_is_told(
+    tmp_path: Path, date: str, told: str
+) -> None:
+    measured = f"{{ answers = 20, weaker = 16, stronger = 1, use_s = 600.0, date = {date} }}"
+    path = write(tmp_path, "a.toml", f"adaptation = {measured}\n{CALIBRATION}")
+    checked = check_file(path, datetime.date(2026, 1, 15))
+    assert checked.error is None
+    assert told in checked.summary
+    assert ("in doubt" in checked.summary) == (date > "2026-01-15")
+    assert (f"it is of {date}" in checked.summary) == (date != "2026-01-15")
 
 
 def test_a_calibration_without_a_k_is_told_to_have_none(tmp_path: Path) -> None:

@@ -126,11 +126,11 @@ def test_the_latch_counts_from_its_own_last_pulse() -> None:
     assert checked.is_due(since_ns + TENTH_NS, None)
 
 
-def test_before_the_first_it_is_due_at_once() -> None:
-    for board in (CHAIN, RELAYS):
-        assert Checked(board).check.checked_ns == 0
-        assert Checked(board).is_due(SECOND_NS, None)
-        assert not Checked(board).is_due(SECOND_NS - 1, None) or board == CHAIN
+@pytest.mark.parametrize(("board", "period_ns"), [(CHAIN, TENTH_NS), (RELAYS, SECOND_NS)])
+def test_before_the_first_one_the_last_counts_as_of_time_zero(board: str, period_ns: int) -> None:
+    assert Checked(board).check.checked_ns == 0
+    assert not Checked(board).is_due(period_ns - 1, None)
+    assert Checked(board).is_due(period_ns, None)
 
 
 # --- which pulses ---------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ through is measured by `make campaign`.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -21,8 +20,8 @@ from body_judge import Judge
 from campaign.account import AccountedBody
 from charge_witness import Witness, even_skin
 from engine_rig import LEASE
-from engine_scenes import opened_to
-from etd.files.configuration import LoadedConfig, fake_config
+from engine_scenes import balancing, opened_to
+from etd.files.configuration import fake_config
 from etd.protocol.frame import Frame
 from etd.protocol.link import (
     ArmBoard,
@@ -79,7 +78,7 @@ class _World:
 
     def __init__(self, board: str, *, balances: bool) -> None:
         loaded = fake_config(board=board, electrodes=ELECTRODES)
-        loaded = _balancing(loaded) if balances else loaded
+        loaded = balancing(loaded, _BALANCED_NC) if balances else loaded
         body = even_skin(loaded.board, ELECTRODES)
         witness, accounted = Witness(body), AccountedBody(body)
         self.rig = engine_rig.make(
@@ -146,12 +145,6 @@ class _World:
         if not self.rig.engine.has_gateway:
             self.rig.attach_next_gateway()
         self.rig.is_gateway_alive = True
-
-
-def _balancing(loaded: LoadedConfig) -> LoadedConfig:
-    maxima = msgspec.structs.replace(loaded.body_site.maxima, net_charge_nc=_BALANCED_NC)
-    site = msgspec.structs.replace(loaded.body_site, balance="biphasic", maxima=maxima)
-    return dataclasses.replace(loaded, body_site=site)
 
 
 def _open(world: _World, choices: Choices) -> None:

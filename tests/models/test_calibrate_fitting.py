@@ -132,9 +132,9 @@ def test_the_bench_says_no_where_too_few_get_theirs_or_too_many_get_what_they_ha
     assert "of 20 without, 1 get one: holds" in said
     assert not bench_fit.judged("adapting", true_k, [None, *got[1:]], nobody)[1]
     assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
-    said, is_held = bench_fit.judged("poor", true_k, nobody, nobody)
+    verdict, is_held = bench_fit.judged("poor", true_k, nobody, nobody)
     assert is_held
-    assert said.endswith("that they get theirs is told and not asked for")
+    assert verdict.endswith("that they get theirs is told and not asked for")
     assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
     assert not bench_fit.judged("area", true_k, nobody, [])[1]
     assert bench_fit.judged("sweat", [], [], nobody) == (

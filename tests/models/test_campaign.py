@@ -385,7 +385,7 @@ def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
     rows["in step"] = Bound(told_by=("a check",), in_step_uc=0.009, uc={GUARDED: 9.0})
     assert found(fault_class="in step", beyond_alone_pc=9_000.0) == []
     assert (
-        "1 in silence of 0.009 uC at most"
+        "1 in silence, of 0.009 uC at most"
         in found(fault_class="in step", beyond_alone_pc=9_001.0)[0]
     )
     strong = 4 * PULSE_PC

@@ -47,8 +47,10 @@ def k_in_words(fitted: FittedExponent) -> str:
 
 def _exponent(fitted: FittedExponent, calibrated: datetime.date, today: datetime.date) -> str:
     use = f"may be used with {fitted.board} and its leak of {fitted.leak_ohm} ohm"
-    if (why := fitted.why_not_in(calibrated, today)) is not None:
+    if (why := fitted.why_not_in(calibrated)) is not None:
         use = f"not for this person: {why}"
+    elif (doubt := fitted.why_not_in(calibrated, today)) is not None:
+        use = f"{use}, in doubt: {doubt}"
     silent = ""
     if fitted.false_alarm_rate is not None:
         silent = f"; {_alarms(fitted.false_alarm_rate)} were felt"
@@ -56,7 +58,10 @@ def _exponent(fitted: FittedExponent, calibrated: datetime.date, today: datetime
 
 
 def _adaptation(found: MeasuredAdaptation, calibrated: datetime.date, today: datetime.date) -> str:
-    follows = raises_in_words(found.why_not_in(calibrated, today))
+    why = found.why_not_in(calibrated)
+    follows = raises_in_words(why)
+    if why is None and (doubt := found.why_not_in(calibrated, today)) is not None:
+        follows = f"{follows}, in doubt: {doubt}"
     return f"{found.in_words}; {found.date.isoformat()}: {follows}"
 
 

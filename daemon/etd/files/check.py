@@ -220,21 +220,26 @@ def _calibration(path: Path, today: datetime.date | None = None) -> Answer:
 
 
 def _k_of(calibration: Calibration, today: datetime.date | None) -> str:
-    """Of which board it holds the file says itself: which one is here, it does not."""
+    """Of which board it holds the file says itself: which one is here, it does not. A day that is
+    still to come is a doubt: the engine knows no date.
+    """
     exponent = calibration.exponent
     if exponent is None:
         return "no k"
-    if (why := exponent.why_not_in(calibration.date, today)) is not None:
+    if (why := exponent.why_not_in(calibration.date)) is not None:
         return f"power_law is not for this person: {why}"
-    return f"k = {exponent.k:.2f} for power_law on {exponent.board} ({exponent.leak_ohm} ohm)"
+    usable = f"k = {exponent.k:.2f} for power_law on {exponent.board} ({exponent.leak_ohm} ohm)"
+    doubt = exponent.why_not_in(calibration.date, today)
+    return usable if doubt is None else f"{usable}, in doubt: {doubt}"
 
 
 def _raises(calibration: Calibration, today: datetime.date | None) -> str:
     """Where it was measured whether this person feels less in use."""
     if calibration.adaptation is None:
         return ""
-    why = why_not_raised(calibration.adaptation, calibration.date, today)
-    return f"; {raises_in_words(why)}"
+    why = why_not_raised(calibration.adaptation, calibration.date)
+    doubt = why_not_raised(calibration.adaptation, calibration.date, today) if why is None else None
+    return f"; {raises_in_words(why)}" + ("" if doubt is None else f", in doubt: {doubt}")
 
 
 def _check_count(calibration: Calibration, path: Path) -> None:
