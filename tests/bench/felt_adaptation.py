@@ -5,7 +5,7 @@ the last ones. What is shown, when it is asked, which answers count and what the
 the daemon's own (`etd.calibrate.adaptation`). Must not know: what is raised, and what comes of it.
 
 It is asked on another day than it is played: the same finger, which sweats, presses and peels at
-other times, and whose touch has rested. It lies for three minutes, all together are brought up to
+other times, and whose touch has rested. It lies for five minutes, all together are brought up to
 level 1, which may take levels down for good, and then it is in use, as in `etd calibrate
 --adaptation`. The person errs as often, at other times, and answers for the mean strength alone.
 Asked on the very minutes that are judged, it would earn what these minutes need.

@@ -123,7 +123,7 @@ def test_every_duration_is_used_whole(use_s: float) -> None:
 
 
 def test_the_finger_lies_for_a_part_of_the_time_that_it_is_in_use_for() -> None:
-    assert LIES_PART * USE_S == 180.0
+    assert LIES_PART * USE_S == 300.0
 
 
 def test_a_presentation_that_takes_its_whole_second_is_followed_at_once() -> None:

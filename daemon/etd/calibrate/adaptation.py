@@ -33,7 +33,7 @@ USE_S: Final = 600.0
 QUESTIONS: Final = 40
 #: Before that the finger lies still, for this part of it: most of the sweat comes then, which is
 #: not what use does.
-LIES_PART: Final = 0.3
+LIES_PART: Final = 0.5
 #: Of a picture, and how often all of it comes.
 USE_LEVEL: Final = 0.6
 _EACH_S: Final = 1.0
