@@ -7,7 +7,8 @@ before), what is learned from it.
 
 The worst case is booked before the electrodes are connected: all phases as planned, each with the
 excess at which a message halts (`halt_excess_us` of the machine file). After each message its
-measured excess replaces that. When the pulse is not valid any more once they are connected, or the
+measured excess replaces that. Net charge is booked by phases, in the direction in which more of it
+may have been left: what a phase took over its plan flowed, or did not. When the pulse is not valid any more once they are connected, or the
 guard refuses the first message, nothing was sent, and the booking is taken back.
 
 After its last message a pulse is over: the electrodes are discharged first, and then the message is
@@ -22,8 +23,8 @@ its worst case. See docs/decisions/0035.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
 
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
@@ -37,6 +38,13 @@ from etd_hal.switch_shadow import Approval, Prepulse
 
 #: Weight of a new value in the mean deviation from plan, which shows drift.
 _DRIFT_WEIGHT = 0.02
+
+
+class Flowed(NamedTuple):
+    """The least and the most charge that one phase may have had."""
+
+    least_pc: int
+    most_pc: int
 
 
 class ReadyPulse:
@@ -141,19 +149,18 @@ class Firing:
         one, before it is looked at; or, a probe before its pulse, stay connected. Returns the
         results of the first and the last phase.
         """
-        phases, last_at, at = ready.phases, len(ready.phases) - 1, 0
+        phases, last_at = ready.phases, len(ready.phases) - 1
+        flowed: list[Flowed] = []
         try:
-            first = last = self._play(booking, ready, 0, is_over=not (last_at or stays_connected))
+            is_over = not (last_at or stays_connected)
+            first = last = self._play(booking, ready, flowed, is_over)
             for at in range(1, last_at + 1):
                 self._board.flip(ready.selection, phases[at])
-                last = self._play(booking, ready, at, is_over=at == last_at)
-        except (BusError, BoardFault):
-            self._leave_first(booking, ready, at)
-            raise
-        except GuardRefusal:
-            if at:
-                self._leave_first(booking, ready, at)
-            raise
+                last = self._play(booking, ready, flowed, is_over=at == last_at)
+        finally:
+            # Nothing, where the first message was refused: its booking was taken back.
+            if flowed:
+                self._ledger.settle_net(booking, left_pc(is_anodic=phases[0], flowed=flowed))
         return first, last
 
     def fire_unloaded(self, pulse: Pulse, given: PulseRequest) -> PulseResult:
@@ -173,14 +180,17 @@ class Firing:
             raise self._too_long(result.excess_ns, "with nothing connected")
         return result
 
-    def _play(self, booking: Booking, ready: ReadyPulse, at: int, is_over: bool) -> PulseResult:
-        """Send the message of one phase, then book and judge it; in between, the electrodes are
-        discharged if the visit `is_over`.
+    def _play(
+        self, booking: Booking, ready: ReadyPulse, flowed: list[Flowed], is_over: bool
+    ) -> PulseResult:
+        """Send the message of the next phase, then book and judge it; in between, the electrodes
+        are discharged if the visit `is_over`. `flowed` is added to, unless the guard refused it.
         """
+        at = len(flowed)
         try:
             received = self._board.send(ready.pulse, ready.approvals[at])
         except (BusError, BoardFault) as fault:
-            self._make_safe(booking, ready, fault)
+            self._make_safe(booking, ready, flowed, fault)
             raise
         except GuardRefusal:
             if at == 0:
@@ -190,11 +200,15 @@ class Firing:
             if is_over:
                 self._board.discharge()
         finally:
-            result = self._judge(booking, ready, at, received)
+            result = self._judge(booking, ready, flowed, received)
         return result
 
     def _judge(
-        self, booking: Booking, ready: ReadyPulse, at: int, received: tuple[bytes, ...]
+        self,
+        booking: Booking,
+        ready: ReadyPulse,
+        flowed: list[Flowed],
+        received: tuple[bytes, ...],
     ) -> PulseResult:
         """Take the message's excess in place of the worst: the current cannot have flowed longer
         than planned by more than that. Then look at what came back.
@@ -202,23 +216,30 @@ class Firing:
         try:
             result = self._board.result(ready.pulse, received)
         except BoardFault as fault:
-            self._make_safe(booking, ready, fault)
+            self._make_safe(booking, ready, flowed, fault)
             raise
+        at = len(flowed)
         excess_ns, current_ua = result.excess_ns, ready.given.current_ua
         self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
-        charge_pc = booking.charge_pc - current_ua * self._most_excess_us
-        if excess_ns > 0:
-            charge_pc += _flowed_pc(ready.given, excess_ns)
+        excess_pc = _flowed_pc(ready.given, excess_ns) if excess_ns > 0 else 0
+        charge_pc = booking.charge_pc - current_ua * self._most_excess_us + excess_pc
+        flowed.append(Flowed(ready.given.charge_pc, ready.given.charge_pc + excess_pc))
         self._ledger.correct(booking, charge_pc, booking.begun_ns if at else result.begun_ns)
         if excess_ns > self._halt_excess_ns:
             raise self._too_long(excess_ns, f"at electrode {ready.entry.electrode}")
         self._inspect(ready, ready.phases[at], result)
         return result
 
-    def _make_safe(self, booking: Booking, ready: ReadyPulse, fault: BusError | BoardFault) -> None:
+    def _make_safe(
+        self,
+        booking: Booking,
+        ready: ReadyPulse,
+        flowed: list[Flowed],
+        fault: BusError | BoardFault,
+    ) -> None:
         """Raises: BoardFault, with what went wrong, if the board does not become safe."""
         problems = self._board.safe_off()
-        self._keep_worst(booking, ready)
+        flowed.append(Flowed(0, self._keep_worst(booking, ready)))
         if problems:
             what = f"message for electrode {ready.entry.electrode} failed"
             unsafe = BoardFault(what, f"{fault}; {'; '.join(problems)}", "a safe board")
@@ -226,23 +247,16 @@ class Firing:
             unsafe.__cause__ = fault
             raise unsafe from fault
 
-    def _keep_worst(self, booking: Booking, ready: ReadyPulse) -> None:
+    def _keep_worst(self, booking: Booking, ready: ReadyPulse) -> int:
         """The board is safe now: the current flowed from the beginning of the last message until
-        now at the longest; from the booking, if none was sent since.
+        now at the longest; from the booking, if none was sent since. Returns the most that this
+        phase had.
         """
         since_ns, now_ns = max(booking.begun_ns, self._board.sent_ns), self._now_ns()
         booked_pc = ready.given.charge_pc + ready.given.current_ua * self._most_excess_us
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
         self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)
-
-    def _leave_first(self, booking: Booking, ready: ReadyPulse, at: int) -> None:
-        """Of phases that balance the last may not have flowed: what the first one left stays, of a
-        first message that failed with all that is booked beyond the plan.
-        """
-        if len(ready.phases) > 1:
-            beyond_pc = 0 if at else booking.charge_pc - ready.entry.charge_pc
-            left_pc = ready.given.charge_pc + beyond_pc
-            self._ledger.leave(booking, left_pc if ready.phases[0] else -left_pc)
+        return booked_pc + more_pc
 
     def _too_long(self, excess_ns: int, where: str) -> BoardFault:
         return BoardFault(
@@ -250,6 +264,18 @@ class Firing:
             f"{excess_ns / 1_000:.0f} us over its plan {where}",
             f"at most {self._halt_excess_ns / 1_000:.0f} us",
         )
+
+
+def left_pc(*, is_anodic: bool, flowed: Sequence[Flowed]) -> int:
+    """What phases in turn left, the first one `is_anodic` or not, positive into the skin: of all
+    that they may have left, what is furthest from nothing.
+    """
+    most_pc = least_pc = 0
+    for at, it in enumerate(flowed):
+        most_pc += -it.least_pc if at % 2 else it.most_pc
+        least_pc += -it.most_pc if at % 2 else it.least_pc
+    furthest_pc = most_pc if most_pc >= -least_pc else least_pc
+    return furthest_pc if is_anodic else -furthest_pc
 
 
 def prepulse_of(given: PulseRequest) -> Prepulse | None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from board_rig import BoardRig, board_rig
 from charge_witness import even_skin
 from engine_parts import body_site
-from etd.firing import Firing, ReadyPulse
+from etd.firing import Firing, Flowed, ReadyPulse, left_pc
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
 from etd.safety.bookings import WINDOW_NS, Entry
@@ -32,6 +34,9 @@ HALT_EXCESS_US = 300
 INTERVAL_US = 2_000
 #: Of the plan: the rest goes through the leak.
 NEARLY = 0.75
+#: Of two phases, the message of the second: before it, relays are looked at.
+SECOND_MESSAGE = {KAJIMOTO: 2, RELAY: 3}
+charges_pc = st.integers(0, 10**9)
 
 
 class Scene:
@@ -249,18 +254,63 @@ def test_a_message_that_stalled_and_then_failed_counts_for_as_long_as_it_was_und
     scene.check_all()
 
 
-@pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
+@pytest.mark.parametrize(("board", "second"), SECOND_MESSAGE.items())
 @pytest.mark.parametrize("phases", [(True, False), (False, True)])
-@pytest.mark.parametrize("fault", [*(SpiError(2, each) for each in range(5)), SpiShort(2)], ids=str)
-def test_where_a_second_phase_has_failed_what_the_first_one_left_is_net_charge(
-    board: str, phases: tuple[bool, ...], fault: Fault
+@pytest.mark.parametrize("at_transfer", [*range(5), None])
+def test_where_a_second_phase_has_failed_net_charge_is_what_may_be_furthest_from_nothing(
+    board: str, second: int, phases: tuple[bool, ...], at_transfer: int | None
 ) -> None:
     scene = Scene(board, phases)
     with pytest.raises(BusError):
-        scene.fire(fault)
-    way, left_pc = (1 if phases[0] else -1), scene.left_pc
-    assert NEARLY * PHASE_PC < way * left_pc <= PHASE_PC + 1.0
-    assert way * scene.body.charge_pc(HERE) <= way * left_pc + 1.0
+        scene.fire(SpiShort(second) if at_transfer is None else SpiError(second, at_transfer))
+    # The second may have had nothing, or all that is booked but for the first.
+    second_most_pc = scene.booked_pc - PHASE_PC
+    furthest_pc = max(PHASE_PC, PHASE_PC - second_most_pc, key=abs)
+    way = 1 if phases[0] else -1
+    assert scene.left_pc == pytest.approx(way * furthest_pc, rel=1.0 - NEARLY)
+    assert abs(scene.body.charge_pc(HERE)) <= abs(scene.left_pc) + 1.0
+
+
+def test_where_the_polarity_could_not_be_changed_what_the_first_phase_left_is_net_charge() -> None:
+    scene = Scene(RELAY, (False, True))
+    with pytest.raises(BusError):
+        scene.fire(SpiShort(SECOND_MESSAGE[RELAY] - 1))
+    assert -PHASE_PC <= scene.left_pc < -NEARLY * PHASE_PC
+
+
+@pytest.mark.parametrize(("board", "second"), SECOND_MESSAGE.items())
+@pytest.mark.parametrize(("at", "over_us", "way"), [(0, 250, 1), (1, 290, -1), (1, 900, -1)])
+def test_what_one_of_two_phases_took_over_its_plan_is_net_charge(
+    board: str, second: int, at: int, over_us: int, way: int
+) -> None:
+    scene = Scene(board, (True, False))
+    stall = SpiStall(over_us, at_message=second if at else 1, at_transfer=2)
+    if over_us > HALT_EXCESS_US:
+        with pytest.raises(BoardFault, match="over its plan"):
+            scene.fire(stall)
+    else:
+        scene.fire(stall)
+    assert scene.left_pc == pytest.approx(way * CURRENT_UA * over_us, rel=1.0 - NEARLY)
+    assert abs(scene.body.charge_pc(HERE)) <= abs(scene.left_pc) + 1.0
+
+
+@given(
+    phases=st.lists(st.tuples(charges_pc, charges_pc).map(sorted), min_size=1, max_size=2),
+    is_anodic=st.booleans(),
+    parts=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+)
+def test_no_phases_may_have_left_more_than_is_booked(
+    phases: list[list[int]], is_anodic: bool, parts: tuple[float, float]
+) -> None:
+    left = left_pc(is_anodic=is_anodic, flowed=[Flowed(*each) for each in phases])
+    had_pc = [
+        least + part * (most - least) for (least, most), part in zip(phases, parts, strict=False)
+    ]
+    truth_pc = had_pc[0] - sum(had_pc[1:])
+    assert abs(truth_pc) <= abs(left) + 1.0
+    one_end_pc = phases[0][1] - sum(least for least, _ in phases[1:])
+    other_end_pc = phases[0][0] - sum(most for _, most in phases[1:])
+    assert (left if is_anodic else -left) in (one_end_pc, other_end_pc)
 
 
 def test_of_a_first_phase_that_failed_it_is_all_that_may_have_flowed() -> None:

@@ -21,7 +21,7 @@ def test_a_pulse_through_all_others_leaves_what_it_was_booked_at_and_then_what_i
     ledger = Ledger(4, AMPLE)
     booking = ledger.book(entry(1, PLANNED_PC), NOW_NS, WORST_PC)
     assert net_pc(ledger) == [-40_000, 120_000, -40_000, -40_000]
-    ledger.correct(booking, HAD_PC, NOW_NS)
+    ledger.settle_net(booking, HAD_PC)
     assert net_pc(ledger) == [-32_000, 96_000, -32_000, -32_000]
 
 
@@ -29,7 +29,7 @@ def test_named_returns_share_what_a_pulse_leaves_and_others_have_nothing_of_it()
     ledger = Ledger(4, AMPLE)
     booking = ledger.book(entry(0, PLANNED_PC, returns=(2, 3)), NOW_NS, WORST_PC)
     assert net_pc(ledger) == [120_000, 0, -60_000, -60_000]
-    ledger.correct(booking, HAD_PC, NOW_NS)
+    ledger.settle_net(booking, HAD_PC)
     assert net_pc(ledger) == [96_000, 0, -48_000, -48_000]
 
 
@@ -53,36 +53,32 @@ def test_anodic_and_cathodic_pulses_of_the_same_charge_leave_nothing() -> None:
     assert net_pc(ledger) == [0, 0, 0, 0]
 
 
-def test_of_two_phases_remains_what_they_differ_by_in_proportion_to_their_charge() -> None:
-    """90,000 pC that leave 15,000; at their worst 120,000, which leave 20,000."""
-    ledger = Ledger(4, AMPLE)
-    booking = ledger.book(entry(0, PLANNED_PC, net_pc=15_000), NOW_NS, WORST_PC)
-    assert net_pc(ledger)[0] == 20_000
-    ledger.correct(booking, HAD_PC, NOW_NS)
-    assert net_pc(ledger)[0] == 16_000
-
-
-def test_phases_that_balance_leave_nothing_however_long_they_took() -> None:
-    ledger = Ledger(4, AMPLE)
-    booking = ledger.book(entry(0, PLANNED_PC, net_pc=0), NOW_NS, WORST_PC)
-    ledger.correct(booking, HAD_PC, NOW_NS)
-    assert net_pc(ledger) == [0, 0, 0, 0]
+def test_a_correction_of_its_charge_leaves_net_charge_as_it_is() -> None:
+    """Which of two phases it was is not known to it."""
+    for net, left_pc in ((0, 0), (PLANNED_PC, WORST_PC), (-PLANNED_PC, -WORST_PC)):
+        ledger = Ledger(4, AMPLE)
+        booking = ledger.book(entry(0, PLANNED_PC, net_pc=net), NOW_NS, WORST_PC)
+        ledger.correct(booking, HAD_PC, NOW_NS)
+        assert net_pc(ledger)[0] == left_pc
 
 
 def test_what_did_not_balance_after_all_stays_on_either_side() -> None:
     ledger = Ledger(4, AMPLE)
     booking = ledger.book(entry(0, PLANNED_PC, net_pc=0), NOW_NS, WORST_PC)
-    ledger.leave(booking, 45_000)
+    ledger.settle_net(booking, 45_000)
     assert net_pc(ledger) == [45_000, -15_000, -15_000, -15_000]
-    ledger.leave(booking, -45_000)
+    ledger.settle_net(booking, -45_000)
+    assert net_pc(ledger) == [-45_000, 15_000, 15_000, 15_000]
+    ledger.settle_net(booking, 0)
     assert net_pc(ledger) == [0, 0, 0, 0]
 
 
-def test_a_correction_counts_as_of_when_the_pulse_was_booked() -> None:
+def test_what_was_left_counts_as_of_when_the_pulse_was_booked() -> None:
     """Of what it had the third part and a little more, 1/e, is left after a second."""
     ledger = Ledger(4, AMPLE)
     booking = ledger.book(entry(0, PLANNED_PC), NOW_NS, WORST_PC)
     ledger.correct(booking, 100_000, NOW_NS + SECOND_NS // 2)
+    ledger.settle_net(booking, 100_000)
     assert ledger.net.of(0, NOW_NS + SECOND_NS) == pytest.approx(36_787.944)
 
 
@@ -105,3 +101,18 @@ def test_a_named_return_that_would_have_more_than_the_bound_refuses_the_pulse() 
     assert net_pc(ledger) == [100_000, 100_000, 0, -200_000]
     assert ledger.first_violation(entry(2, returns=(3,)), NOW_NS) == "net charge"
     assert ledger.first_violation(entry(2, returns=(1, 3)), NOW_NS) is None
+
+
+def test_what_balances_does_not_fit_while_phases_have_left_more_than_the_bound() -> None:
+    """Neither of the electrode itself nor of one that would carry it back, until enough leaked."""
+    ledger = Ledger(4, bounds(net_charge_pc=100_000))
+    balanced = [entry(each, net_pc=0) for each in (0, 1)]
+    named = entry(2, net_pc=0, returns=(3,))
+    ledger.settle_net(ledger.book(balanced[0], NOW_NS, WORST_PC), -100_000)
+    assert [ledger.first_violation(each, NOW_NS) for each in balanced] == [None, None]
+    ledger.settle_net(ledger.book(balanced[0], NOW_NS, WORST_PC), -20_000)
+    assert [ledger.first_violation(each, NOW_NS) for each in balanced] == ["net charge"] * 2
+    assert ledger.first_violation(named, NOW_NS) is None
+    ledger.settle_net(ledger.book(named, NOW_NS, WORST_PC), 150_000)
+    assert ledger.first_violation(named, NOW_NS) == "net charge"
+    assert ledger.first_violation(balanced[0], NOW_NS + SECOND_NS) is None

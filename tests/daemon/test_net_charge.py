@@ -224,10 +224,15 @@ def test_a_pulse_that_turns_a_charge_round_is_none_that_brings_it_back() -> None
     assert net.fits(2, -6 * BOUND_PC + 1, (0,), 0)
 
 
-def test_a_pulse_that_leaves_nothing_fits_however_much_is_there() -> None:
+def test_a_pulse_that_leaves_nothing_fits_unless_one_of_its_path_is_above_its_bound() -> None:
     net = NetCharge(N, BOUND_PC)
-    net.add(2, 3 * BOUND_PC, None, NOW_NS)
     assert net.fits(2, 0, None, NOW_NS)
+    net.add(2, 3 * BOUND_PC, (1, 3), NOW_NS)
+    assert not net.fits(2, 0, (4,), NOW_NS)
+    assert not net.fits(4, 0, (1, 3), NOW_NS)
+    assert net.fits(4, 0, (0,), NOW_NS)
+    assert not net.fits(4, 0, None, NOW_NS)
+    assert net.fits(2, 0, None, NOW_NS + 2 * LEAK_NS)
 
 
 @pytest.mark.parametrize(

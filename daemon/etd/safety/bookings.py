@@ -85,7 +85,7 @@ class Line:
 class Booking(Line):
     """What is booked of an entry now: a line of the windows that can be corrected."""
 
-    __slots__ = ("before_ns", "carried", "entry", "room_before_pc")
+    __slots__ = ("before_ns", "booked_ns", "carried", "entry", "net_pc", "room_before_pc")
 
     def __init__(
         self,
@@ -107,6 +107,9 @@ class Booking(Line):
         self.on_us = on_us
         self.pulses = pulses
         self.entry: Final = entry
+        #: When it was booked, and what it leaves as net charge.
+        self.booked_ns: Final = begun_ns
+        self.net_pc = worst_net_pc(entry, charge_pc)
         #: The line in the windows of named returns.
         self.carried = carried
         #: The state before it: when the electrode's last pulse began, and the least room of all.
@@ -162,9 +165,11 @@ def carried_line(entry: Entry, now_ns: int, charge_pc: int) -> Line:
     return Line(now_ns, charge_pc, pulses=entry.pulses if is_alone else 0)
 
 
-def net_of_entry(entry: Entry, charge_pc: int) -> float:
-    """Of so much of its charge."""
-    return entry.net_pc * charge_pc / entry.charge_pc if entry.net_pc else 0.0
+def worst_net_pc(entry: Entry, worst_pc: int) -> int:
+    """What a single phase leaves that has so much charge; of phases that balance, nothing."""
+    if not entry.net_pc:
+        return 0
+    return worst_pc if entry.net_pc > 0 else -worst_pc
 
 
 def share_pc(share: float, charge_pc: int) -> int:

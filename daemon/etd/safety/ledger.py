@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from etd.safety.bookings import WINDOW_NS, Booking, Entry, Window, carried_line, net_of_entry
+from etd.safety.bookings import WINDOW_NS, Booking, Entry, Window, carried_line
 from etd.safety.maxima import Maxima
 from etd.safety.net_charge import NetCharge
 from etd.safety.return_weights import ReturnWeights
@@ -181,7 +181,7 @@ class Ledger:
         )
         self._own[electrode].book(booking)
         self._array.book(booking)
-        self.net.add(electrode, net_of_entry(entry, worst_pc), returns, now_ns)
+        self.net.add(electrode, booking.net_pc, returns, now_ns)
         if entry.pulses:
             self._begun_ns[electrode] = now_ns
         if booking.carried is not None:
@@ -201,8 +201,6 @@ class Ledger:
         own, array = self._own[entry.electrode], self._array
         own.charge_pc += more_pc
         array.charge_pc += more_pc
-        more_net_pc = net_of_entry(entry, more_pc)
-        self.net.add(entry.electrode, more_net_pc, entry.returns, booking.begun_ns)
         booking.begun_ns, booking.charge_pc = begun_ns, charge_pc
         if entry.pulses:
             self._begun_ns[entry.electrode] = begun_ns
@@ -226,17 +224,15 @@ class Ledger:
         for electrode in (entry.electrode, *(entry.returns or ())):
             self._own[electrode].take_back()
         self._array.take_back()
-        net_pc = net_of_entry(entry, booking.charge_pc)
-        self.net.add(entry.electrode, -net_pc, entry.returns, booking.begun_ns)
+        self.settle_net(booking, 0)
         self._begun_ns[entry.electrode] = booking.before_ns
         self._room_pc = booking.room_before_pc
 
-    def leave(self, booking: Booking, net_pc: int) -> None:
-        """Of phases that were to balance not all have flowed: so much stays, positive into the
-        skin.
-        """
-        entry = booking.entry
-        self.net.add(entry.electrode, net_pc, entry.returns, booking.begun_ns)
+    def settle_net(self, booking: Booking, net_pc: int) -> None:
+        """What its phases left, positive into the skin, instead of what was booked."""
+        entry, more_pc = booking.entry, net_pc - booking.net_pc
+        booking.net_pc = net_pc
+        self.net.add(entry.electrode, more_pc, entry.returns, booking.booked_ns)
 
     # --- room ------------------------------------------------------------------------------------
 

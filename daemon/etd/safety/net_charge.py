@@ -65,6 +65,11 @@ class _Account:
         self.conducts_s = conducts_s
         self._whole_s, self._best_s = sum(conducts_s), max(conducts_s)
 
+    @property
+    def has_room(self) -> bool:
+        """Whether no electrode is above its bound; False, too, where that must be counted."""
+        return self._room_pc >= 0.0
+
     def worth_pc(self, electrode: int) -> float:
         carried = self._pool - self._through[electrode]
         return self._own_pc[electrode] - self.conducts_s[electrode] * carried
@@ -161,8 +166,11 @@ class NetCharge:
     def fits(
         self, electrode: int, net_pc: int, returns: tuple[int, ...] | None, now_ns: int
     ) -> bool:
-        """Whether no electrode of the path would pass its bound, but those that it brings back."""
-        if not net_pc:
+        """Whether no electrode of the path would pass its bound, but those that it brings back.
+        What leaves nothing does not fit where one is above it: so much came from phases that took
+        longer than their plan.
+        """
+        if not net_pc and self._even.has_room and self._measured.has_room:
             return True
         growth = self._growth(now_ns)
         return self._even.fits(electrode, net_pc, returns, growth) and self._measured.fits(
