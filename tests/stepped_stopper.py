@@ -43,7 +43,7 @@ class SteppedStopper:
         self._is_awake = False
         self._is_under_way = False
         self._next_ns = 0
-        engine.supervisor.supply_changed = self.watch
+        engine.supervisor.supply.watched = self.watch
 
     @property
     def is_noting(self) -> bool:

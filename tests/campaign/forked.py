@@ -145,6 +145,7 @@ def play(
                 *(whole.board, whole.scene, kind, number, port),
                 *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),
                 played.pulse_pc,
+                is_supply_on=_can_be_off(whole.board) and subject.fake.world.is_supply_enabled,
             )
             _append(results, msgspec.structs.replace(found, version=version, played=played_at))
             os._exit(0)
@@ -177,6 +178,10 @@ def _play_to_the_end(played: Scene, copied: Sequence[tuple[Kind, int, Port, int]
             raise
         return f"crashed: {error!r}"
     return None
+
+
+def _can_be_off(board: str) -> bool:
+    return config(board).board.guards.hv_enable != "absent"
 
 
 def _append(results: Path, found: Outcome) -> None:

@@ -28,6 +28,8 @@ GUARDED, RELAYS = "reference-hv507", "feetthrough-relay"
 #: without its report. The bench has bounds of its own (`uc`).
 MOST_UC: Final = 2.5
 _ASKED_OF: Final = (GUARDED,)
+#: Ends after which nothing may be left on.
+_HALTED: Final = ("halted", "ended")
 
 
 class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,6 +59,8 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     selftest_silent_uc: float = 0.0
     #: What is told flows no longer than this after the fault; None: charge alone bounds it.
     within_ms: float | None = None
+    #: Why the supply may be on after a halt: what keeps it on is the fault itself.
+    leaves_supply_on: str = ""
     #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
     #: gets without the fault, where a pulse has `PULSE_PC`; with stronger ones as much more.
     uc: Mapping[str, float] = {}
@@ -109,8 +113,11 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
     told_by = row.rows_on(where)
     if is_silent(one) and told_by and beyond_uc > row.silent_most_uc(where) * times:
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
+    bounding = _bounding(one, rows)
+    if one.is_supply_on and one.seen in _HALTED and not any(it.leaves_supply_on for it in bounding):
+        return "the supply was left on"
     late = _too_late(row, one.flowed_for_ms) if is_told(one) else ""
-    return late or _too_much(_bounding(one, rows), where, times, beyond_uc)
+    return late or _too_much(bounding, where, times, beyond_uc)
 
 
 def _too_late(row: Bound, flowed_ms: float | None) -> str:

@@ -1,9 +1,9 @@
 """The poll before every pulse, and whenever nothing is fired; it may change the state.
 
-Owns: the order of the checks: the stopper, since a cut is a halt whatever follows; what has lapsed,
-before any queue is read, so that after a stall nothing stale is shown; then gateway, stop lines,
-rail and commands. The heartbeat comes last and shows that all of them were done. Must not know:
-what is due, how a pulse is fired, ZeroMQ, files.
+Owns: the order of the checks: the stopper, since a cut is a halt whatever follows; a board that is
+not safe yet; what has lapsed, before any queue is read, so that after a stall nothing stale is
+shown; then gateway, stop lines, rail and commands. The heartbeat comes last and shows that all of
+them were done. Must not know: what is due, how a pulse is fired, ZeroMQ, files.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ class Poller:
         # First of all: whatever else makes the board safe now, a cut is a halt.
         if self._liveness.judge(now_ns):
             self._heed_stopper()
+        self._supervisor.make_safe_again(now_ns)
         # Before any queue is read: a waiting message must not renew what has lapsed.
         if self._supervisor.lease is not None and self._supervisor.lease.has_lapsed(host_ns):
             self._supervisor.end_lease("lapsed")
@@ -169,7 +170,7 @@ class Poller:
                 return
 
     def _watch_rail(self, monitor: RailMonitor, now_ns: int) -> None:
-        """While pulses are fired: before that its own waiting judges a rail that rises."""
+        """While pulses are fired: before that the power-up judges a rail that rises."""
         power_up = self._supervisor.power_up
         is_measured = power_up is not None and power_up.is_measuring
         if self._supervisor.states.state != "ARMED" and not is_measured:

@@ -102,7 +102,7 @@ def _drive(
         stopper = _stopper_beside(engine, supply_note)
         beside.append(stopper)
         beside.append(_sensors_beside(engine))
-        engine.supervisor.supply_changed = stopper.watch
+        engine.supervisor.supply.watched = stopper.watch
         # All have come up, and the thread is real-time, before timing is calibrated: timing is
         # measured as it will be used.
         refusals = [sentence for task in beside for sentence in task.refusals]

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from etd.engine.capabilities import engine_hello
 from etd.engine.components import Components
 from etd.engine.power_up import Goal, PowerUp, Readiness, check_ready, lasting_refusal
+from etd.engine.supply import Supply
 from etd.engine.timing_calibration import calibrate_at_start
 from etd.engine.timing_calibration import limitations as timing_limitations
 from etd.planning.duty import told_of
@@ -60,7 +61,7 @@ class Supervisor:
         self.last_silence: str | None = None
         self.states = StateMachine()
         self.lease: Lease | None = None
-        self.supply_changed: Callable[[bool], None] = lambda _: None
+        self.supply = Supply(self.board, self._liveness, self.clock)
         self._planner: Planner | None = None
         #: The probes of the lease's person, in the order of the chain.
         self.probes: tuple[ScheduledPulse, ...] = ()
@@ -119,9 +120,7 @@ class Supervisor:
 
     def end(self) -> tuple[str, ...]:
         """Leave the board safe, whatever its state. Returns what did not work, as sentences."""
-        problems = self.board.safe_off()
-        self._liveness.made_safe(problems)
-        self.supply_changed(False)
+        problems = self.supply.off()
         self.active.silence()
         self.states.safe()
         return problems
@@ -221,8 +220,7 @@ class Supervisor:
         power_up = PowerUp(goal, ref, self.board, self.rail, self._liveness, probes, self.clock)
         self.states.probe()
         self.board.guard.permit(self.maxima.probe_current_ua)
-        self._liveness.supply_rises()
-        self.supply_changed(True)
+        self.supply.rises()
         self.power_up = power_up
         self.report_state(self.clock.now_ns())
         try:
@@ -326,11 +324,9 @@ class Supervisor:
 
     def _silence(self, why: str) -> tuple[str, ...]:
         """Returns what did not work, as sentences."""
-        problems = self.board.safe_off()
-        self._liveness.made_safe(problems)
+        problems = self.supply.off()
         self.last_silence = why
         self.sessions.went_safe(self.host_clock.now_ns())
-        self.supply_changed(False)
         self.active.silence()
         self.soft_start.supply_off(self.contact.is_touched)
         self.contact.reset()
@@ -362,12 +358,17 @@ class Supervisor:
     def halt(self, cause: str, who: str, detail: str) -> tuple[str, ...]:
         """Silence at once, HALTED until `clear`; the first cause is kept. Returns what failed."""
         if self.states.state == "HALTED":
-            return self.board.safe_off()
+            return self.supply.off()
         problems = self._silence(f"halted by {cause}: {detail}")
         self.soft_start.restart()
         self._latch(cause, who, "; ".join((detail, *problems)))
         self.end_lease("halted")
         return problems
+
+    def make_safe_again(self, now_ns: int) -> None:
+        """At each poll: a board that could not be made safe is tried again. It stays HALTED."""
+        if self.supply.again(now_ns):
+            self.report_state(self.clock.now_ns())
 
     def _latch(self, cause: str, who: str, detail: str) -> None:
         halt = Halt(cause=cause, source=who, detail=detail, t_ns=self.clock.now_ns())
@@ -381,12 +382,11 @@ class Supervisor:
             open_stops = [name for name, is_open in self.board.stops().items() if is_open]
             if open_stops:
                 raise Refused("halted", f"{' and '.join(open_stops)} still open: release it first")
-            problems = self.board.safe_off()
+            problems = self.supply.off()
             if problems:
                 raise Refused("halted", f"the board is not safe: {'; '.join(problems)}")
         self.states.clear()
-        self._liveness.clear()
-        self.supply_changed(False)
+        self.supply.cleared()
         self.report_state(self.clock.now_ns())
 
     # --- reports -----------------------------------------------------------------------------

@@ -99,7 +99,7 @@ class ReplayEngine:
         board = self.engine.components.board
         self._stopper = Stopper(board.cut.words, self._clock.now_ns, board.blank_now)
         # It looks as soon as it is woken.
-        self.engine.supervisor.supply_changed = lambda _: self._stopper.check()
+        self.engine.supervisor.supply.watched = lambda _: self._stopper.check()
         self.engine.supervisor.begin()
         self.engine.attach(*self._ends)
         self._commands.send(RecordPulses(is_on=True))

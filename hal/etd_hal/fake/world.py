@@ -98,6 +98,11 @@ class World:
         """Take every fault out."""
         self._faults.clear()
 
+    @property
+    def is_supply_enabled(self) -> bool:
+        """The enable line says on; always, on a board without one."""
+        return self._rail.enabled
+
     def rail_v(self) -> float:
         return self._rail.volts(self._now_ns())
 
