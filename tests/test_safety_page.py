@@ -40,6 +40,9 @@ def test_the_ceilings_on_the_page_are_those_in_force() -> None:
         ceilings.NET_CHARGE_NC // 1_000,
         ceilings.PROBE_CURRENT_UA,
         ceilings.PROBE_WIDTH_US,
+        ceilings.HALT_EXCESS_US,
+        ceilings.DRIFT_US,
+        ceilings.SPREAD_US,
     ]
 
 

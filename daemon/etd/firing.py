@@ -7,9 +7,11 @@ before), what is learned from it.
 
 The worst case is booked before the electrodes are connected: all phases as planned, each with the
 excess at which a message halts (`halt_excess_us` of the machine file). After each message its
-measured excess replaces that. Net charge is booked by phases, in the direction in which more of it
-may have been left: what a phase took over its plan flowed, or did not. When the pulse is not valid any more once they are connected, or the
+measured excess replaces that. When the pulse is not valid any more once they are connected, or the
 guard refuses the first message, nothing was sent, and the booking is taken back.
+
+Net charge is booked by phases, in the direction in which more of it may have been left: what a
+phase took over its plan has flowed, or has not.
 
 After its last message a pulse is over: the electrodes are discharged first, and then the message is
 judged, whatever it was. Between two phases it is judged before the polarity is changed.

@@ -291,11 +291,11 @@ class MachineFile(Strict, frozen=True):
     #: What a message costs before its first word and after its last.
     message_us: Bounds
     #: Largest spread of repeated messages (90th percentile less median) at calibration.
-    spread_us: Positive
+    spread_us: Annotated[float, Meta(gt=0, le=ceilings.SPREAD_US)]
     #: A single message this much over its plan halts the daemon.
-    halt_excess_us: Annotated[float, Meta(gt=0, le=2_000)]
+    halt_excess_us: Annotated[float, Meta(gt=0, le=ceilings.HALT_EXCESS_US)]
     #: A mean deviation beyond this asks for a new calibration.
-    drift_us: Positive
+    drift_us: Annotated[float, Meta(gt=0, le=ceilings.DRIFT_US)]
     #: A GPIO set call, and the processor time of a pulse: for planning. The guard derives from the
     #: first how long a flip of the switch may take.
     gpio_call_us: Positive

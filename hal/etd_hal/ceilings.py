@@ -3,7 +3,7 @@
 Owns: these constants, each with its source. A test holds their literal values. Must not know:
 files, boards, persons, what is made of a request for more.
 
-The loaders of board files and body-site files refuse what is above them, and the maxima in force
+The loaders of board, machine and body-site files refuse what is above them, and the maxima in force
 are the smallest of these, the board's and the site's.
 """
 
@@ -39,3 +39,10 @@ ARRAY_ON_US_PER_S: Final = 800_000
 #: disk of 1 mm.
 PROBE_CURRENT_UA: Final = 1_000
 PROBE_WIDTH_US: Final = 50
+#: Of a machine: how far over its plan a message may be before that halts. It is what the stopper
+#: waits for, which cuts such a message off; 10 mA for as long are 10 uC, by a fault.
+HALT_EXCESS_US: Final = 1_000
+#: Of a machine: what is no fault yet, of the mean of all messages and of a single one. By design,
+#: what a virtual machine needs for the kernel tests: thirty times a Pi's.
+DRIFT_US: Final = 50
+SPREAD_US: Final = 200

@@ -26,6 +26,9 @@ CEILINGS = {
     "NET_CHARGE_NC": 15_000,
     "PROBE_CURRENT_UA": 1_000,
     "PROBE_WIDTH_US": 50,
+    "HALT_EXCESS_US": 1_000,
+    "DRIFT_US": 50,
+    "SPREAD_US": 200,
 }
 
 

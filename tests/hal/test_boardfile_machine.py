@@ -42,6 +42,19 @@ class TestMachine:
         text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", PI4)
         refused(load_machine, tmp_path, text, key, "a number")
 
+    @pytest.mark.parametrize(
+        ("key", "ceiling"), [("halt_excess_us", 1_000), ("drift_us", 50), ("spread_us", 200)]
+    )
+    def test_no_machine_lets_messages_be_further_from_their_plan_than_the_ceilings(
+        self, tmp_path: Path, key: str, ceiling: int
+    ) -> None:
+        above, on_it = (
+            re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", PI4)
+            for value in (ceiling + 1, ceiling)
+        )
+        refused(load_machine, tmp_path, above, key, f"at most {ceiling}")
+        assert getattr(load_machine(write(tmp_path, "machine.toml", on_it)), key) == ceiling
+
     @pytest.mark.parametrize("value", ["nan", "inf", "-0.1"])
     @pytest.mark.parametrize("end", ["low", "high"])
     def test_the_ends_of_a_range_are_numbers(self, tmp_path: Path, end: str, value: str) -> None:
