@@ -111,10 +111,16 @@ def play(
     if levels is not None:
         calibration = structs.replace(finger.calibration, electrode=levels)
         finger = replace(finger, calibration=calibration)
+    return played_of(finger, factors, "nothing said" if manner is None else "said")
+
+
+def played_of(finger: WholeFinger, factors: Factors, name: str) -> Played:
+    """A finger with these factors on the currents of its frame."""
     kept, times = scans(finger, factors)
-    judged = [Person(Manner(), seed).judges(value) for value in times]
+    by_right = Person(Manner(), 0)
+    judged = [by_right.judges(value) for value in times]
     return Played(
-        figures("nothing said" if manner is None else "said", [kept]),
+        figures(name, [kept]),
         judged.count("too_strong") / len(judged),
         judged.count("too_weak") / len(judged),
         *_by_electrode(kept),

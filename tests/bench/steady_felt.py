@@ -22,7 +22,7 @@ sys.path[:0] = [str(_TESTS)]
 import msgspec  # noqa: E402
 from rich.console import Console  # noqa: E402
 
-from bench import felt_docs, felt_harm, felt_laws, fresh_seeds  # noqa: E402
+from bench import felt_docs, felt_harm, felt_laws, felt_limits, fresh_seeds  # noqa: E402
 from bench.felt_compared import (  # noqa: E402
     PERSONS,
     Compared,
@@ -68,6 +68,12 @@ def main() -> int:
         action="store_true",
         help="with --law: they are asked about the next electrode each time, not about all",
     )
+    parser.add_argument(
+        "--limits",
+        action="store_true",
+        help="on --common-seeds: what the limits on raising leave to any rule, by a rise at once"
+        " whatever is said",
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
     parser.add_argument(
@@ -75,6 +81,10 @@ def main() -> int:
     )
     args = parser.parse_args()
     manner = Manner(args.right, args.band, args.errs, args.insists)
+    if args.limits:
+        for body in args.bodies:
+            _show(felt_limits.limit(body, args.common_seeds, manner, args.processes), args.json)
+        return 0
     if args.law is not None:
         with ProcessPoolExecutor(args.processes) as pool:
             running = [
@@ -121,6 +131,17 @@ def _in_short(seeds: Sequence[int]) -> str:
     if list(seeds) == list(range(seeds[0], seeds[-1] + 1)):
         return f"fingers {seeds[0]} to {seeds[-1]}, one person each"
     return f"fingers {', '.join(map(str, seeds))}, one person each"
+
+
+def _show(found: felt_limits.Limit, as_json: bool) -> None:
+    if as_json:
+        print(msgspec.json.encode(found).decode(), flush=True)
+        return
+    print(
+        f"{found.body} (modelled): a rise at once leaves {found.variation_times:.3f} times the"
+        f" variation, standard error {found.standard_error:.3f}, {found.fingers} fingers",
+        flush=True,
+    )
 
 
 def asked(found: Sequence[Compared]) -> list[Bound]:
