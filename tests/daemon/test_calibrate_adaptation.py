@@ -192,40 +192,57 @@ def test_it_ends_with_a_key(ending: Answer, *, is_stopped: bool) -> None:
 
 
 def test_what_is_too_strong_ends_it_and_is_not_shown_again() -> None:
-    skin = UsedSkin()
+    skin, told = UsedSkin(), []
     with pytest.raises(TooStrongInUse, match="after 30 s of use") as ended:
-        asked(skin, ["same", "too_strong"])
+        in_use(
+            skin, Says(skin, ["same", "too_strong"]), CURRENTS_UA, USE_S, lambda: skin.now_s,
+            on_too_strong=lambda: told.append(len(skin.shown)),
+        )  # fmt: skip
     assert ended.value.used_s == 30.0
     assert len(skin.shown) == 30
+    assert told == [30]
 
 
 def test_a_key_that_slipped_is_taken_back_before_anything_is_shown_again() -> None:
     skin = UsedSkin()
-    found = asked(skin, ["same", "too_strong", "weaker", "same"])
+    found = in_use(
+        skin, Says(skin, ["same", "too_strong", "weaker", "same"]), CURRENTS_UA, USE_S,
+        lambda: skin.now_s, on_too_strong=lambda: pytest.fail("it was not"),
+    )  # fmt: skip
     assert found == ["same", "weaker", *["same"] * (QUESTIONS - 2)]
 
 
 @pytest.mark.parametrize("ending", ["stop", "pause"])
 def test_too_strong_counts_where_a_key_ends_it_before_it_is_certain(ending: Answer) -> None:
-    """Who is in pain presses what comes to hand."""
-    skin = UsedSkin()
-    with pytest.raises(TooStrongInUse, match="after 30 s of use") as ended:
-        asked(skin, ["same", "too_strong", ending])
-    assert isinstance(ended.value.__cause__, Stopped)
+    """Who is in pain presses what comes to hand; and it ends as that key always ends it."""
+    skin, told = UsedSkin(), []
+    with pytest.raises(Stopped) as ended:
+        in_use(
+            skin, Says(skin, ["same", "too_strong", ending]), CURRENTS_UA, USE_S,
+            lambda: skin.now_s, on_too_strong=lambda: told.append(len(skin.shown)),
+        )  # fmt: skip
+    assert ended.value.answer == ending
     assert skin.is_stopped == (ending == "stop")
+    assert told == [30]
 
 
-def test_too_strong_counts_where_the_daemon_is_gone_before_it_is_certain() -> None:
+@pytest.mark.parametrize("ended", [DaemonGone("main", "it was ended"), KeyboardInterrupt()])
+def test_too_strong_counts_where_the_daemon_or_the_terminal_is_gone_before_it_is_certain(
+    ended: BaseException,
+) -> None:
     class Gone(Says):
         def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
             if question.ask == "sure_in_use":
-                raise DaemonGone("main", "it was ended")
+                raise ended
             return super().answer(question, keep)
 
-    skin = UsedSkin()
-    with pytest.raises(TooStrongInUse) as ended:
-        in_use(skin, Gone(skin, ["too_strong"]), CURRENTS_UA, USE_S, lambda: skin.now_s)
-    assert isinstance(ended.value.__cause__, DaemonGone)
+    skin, told = UsedSkin(), []
+    with pytest.raises(type(ended)):
+        in_use(
+            skin, Gone(skin, ["too_strong"]), CURRENTS_UA, USE_S, lambda: skin.now_s,
+            on_too_strong=lambda: told.append(True),
+        )  # fmt: skip
+    assert told == [True]
 
 
 def test_the_levels_in_use_are_of_what_was_accepted_of_all_together() -> None:

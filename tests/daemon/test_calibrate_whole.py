@@ -158,6 +158,21 @@ def test_a_level_that_stays_at_its_threshold_is_presented_again_with_the_rest(
     assert len(skin.wholes) > 4
 
 
+def test_what_was_accepted_before_it_was_too_strong_counts_for_no_later_pass(
+    tmp_path: Path,
+) -> None:
+    """A level that stays at its threshold makes it begin again; the first step of that is too
+    strong, as the skin is more sensitive by then.
+    """
+    low = replace(NEAR, threshold_ua=1_400, cap_ua=2_400)
+    said: list[Answer] = ["felt", "felt", "felt", "too_strong", "too_strong", "felt"]
+    skin, kept = whole(tmp_path, said, low)
+    assert skin.wholes[4][0] == 453, "half of what the first pass had left of 1500 uA"
+    assert kept.is_whole_accepted
+    assert skin.wholes[-1] == kept.level_1_ua
+    assert len(skin.wholes) > 5, "it is presented after that"
+
+
 def test_all_together_too_strong_at_every_level_is_told_as_that() -> None:
     """Where touch has adapted and pain has not, nothing may be left of any level."""
     progress = Progress(conditions=replace(ROW, electrodes=2), found={0: FOUND, 1: NEAR})

@@ -105,6 +105,33 @@ def test_what_is_too_strong_in_use_takes_the_levels_down_for_good(rig: CommandRi
         assert now.cap_ua < was.cap_ua
 
 
+def test_what_is_too_strong_on_the_way_up_is_stored_before_anything_comes_again(
+    rig: CommandRig,
+) -> None:
+    """Of levels that stay at their thresholds the caps fall; and the process may be killed."""
+    made = load_calibration(resources.find("calibrations", BASELINE))
+    at_threshold = tuple(replace(one, comfortable_ua=one.threshold_ua) for one in made.electrode)
+    path, exported = rig.folder / "AT.toml", rig.folder / "A03.toml"
+    path.write_text(to_toml(replace(made, electrode=at_threshold, is_whole_accepted=True)))
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "A03").status == 0
+        asked = ("calibrate", "fake", "--adaptation", "--baseline", "A03", "--as", "A03")
+        at = AtTerminal(rig, *asked, "--arm", "--use-s", str(QUESTIONS))
+        try:
+            Wearer(at).answer("How strong was all of it together?", *"fffffft")
+            at.command.line_with("How strong was all of it together?", "stdout")
+            at.command.process.kill()
+            at.command.ended()
+        finally:
+            at.close()
+        assert rig.run("calibration", "export", "A03", str(exported)).status == 0
+    after = load_calibration(exported)
+    assert after.is_whole_accepted is None
+    for was, now in zip(at_threshold, after.electrode, strict=True):
+        assert now.comfortable_ua == now.threshold_ua == was.threshold_ua
+        assert now.cap_ua < was.cap_ua
+
+
 def test_a_calibration_of_which_nothing_was_felt_is_refused_before_arming(rig: CommandRig) -> None:
     made = load_calibration(resources.find("calibrations", BASELINE))
     unfelt = tuple(replace(one, felt=False) for one in made.electrode)

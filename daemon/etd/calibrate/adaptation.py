@@ -75,9 +75,11 @@ def in_use(
     now_s: Callable[[], float],
     on_presented: Callable[[Presentation], None] = lambda _: None,
     on_answered: Callable[[Presentation, Ask, Answer | None], None] = lambda *_: None,
+    on_too_strong: Callable[[], None] = lambda: None,
 ) -> list[Answer]:
     """All answers, in their order: `QUESTIONS` of them, alike over `use_s`. Time in which a
-    question stands is not use.
+    question stands is not use. `on_too_strong`: called when it was, or when whether it was stayed
+    open, because something ended it first.
 
     Raises: TooStrongInUse, Stopped, NotDelivered, Refused, DaemonGone.
     """
@@ -92,9 +94,11 @@ def in_use(
             # it, or the daemon is gone.
             try:
                 answer = _answered(presenter, answerer, last, "sure_in_use", on_answered)
-            except BaseException as ended:
-                raise TooStrongInUse(used_s) from ended
+            except BaseException:
+                on_too_strong()
+                raise
             if answer == "too_strong":
+                on_too_strong()
                 raise TooStrongInUse(used_s)
         answers.append(answer)
     return answers

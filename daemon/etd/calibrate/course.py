@@ -140,6 +140,8 @@ class Course:
                     current_ua <= accepted_ua[electrode] + _ROUNDED_UA
                     for electrode, current_ua in progress.level_1_ua.items()
                 )
+                # What was accepted before it was too strong counts for no later pass.
+                accepted_ua = {}
             else:
                 accepted_ua = progress.part_of_level_1(part)
                 progress.is_whole_accepted = part >= 1.0

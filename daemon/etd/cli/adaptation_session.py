@@ -19,7 +19,6 @@ import msgspec
 from etd.calibrate.adaptation import (
     LIES_PART,
     QUESTIONS,
-    TooStrongInUse,
     adaptation_of,
     before_use,
     currents_in_use,
@@ -75,6 +74,8 @@ class AdaptationSession:
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
         self._conditions = conditions
         self._whole = before_use(conditions, self._baseline)
+        self._before = dict(self._whole.found)
+        self._stored = dict(self._whole.found)
         if not self._whole.level_1_ua:
             raise FileError(
                 "the calibration",
@@ -118,7 +119,7 @@ class AdaptationSession:
                 self._feel_whole(presenter, answerer)
                 self._use(presenter, answerer)
             except BaseException:
-                self._store_if_taken_down()
+                self._store_in_the_end()
                 raise
 
     def _armed_answerer(self, stack: ExitStack, body: ModelledBody) -> Answerer:
@@ -140,6 +141,7 @@ class AdaptationSession:
             answerer,
             lambda: wall_time().date(),
             baseline=self._baseline,
+            on_progress=lambda _: self._store_taken_down(),
             on_presented=self._screen.presented,
             on_answered=self._whole_answered,
         ).feel_whole()
@@ -157,19 +159,16 @@ class AdaptationSession:
     def _use(self, presenter: Presenter, answerer: Answerer) -> None:
         self._say(f"in use, for {self._args.use_s:g} s: remember how strong it is now")
         gamma = self._baseline.gamma
-        try:
-            self._answers = in_use(
-                presenter,
-                answerer,
-                currents_in_use(self._whole, gamma),
-                self._args.use_s,
-                lambda: clock.now_ns() / 1e9,
-                self._presented,
-                self._trials.answered,
-            )
-        except TooStrongInUse:
-            take_down_from_use(self._whole, gamma)
-            raise
+        self._answers = in_use(
+            presenter,
+            answerer,
+            currents_in_use(self._whole, gamma),
+            self._args.use_s,
+            lambda: clock.now_ns() / 1e9,
+            self._presented,
+            self._trials.answered,
+            lambda: take_down_from_use(self._whole, gamma),
+        )
 
     def _presented(self, presented: Presentation) -> None:
         self._asked += 1
@@ -212,24 +211,27 @@ class AdaptationSession:
             adaptation=found,
         )
 
-    def _store_if_taken_down(self) -> None:
-        """However it ends: what was too strong must not come again, and what was measured before is
-        of other levels. Otherwise the calibration stays as it is. Nothing is presented any more.
+    def _store_taken_down(self) -> None:
+        """At once, before anything else is presented: what was too strong must not come again,
+        whatever becomes of this process, and what was measured before is of other levels. Where
+        nothing was taken down the calibration stays as it is. Raises: Refused.
         """
-        if not self._tell_taken_down():
-            return
-        try:
+        if self._whole.found != self._stored:
             self._display.set_calibration(self._which, self._made(None))
+            self._stored = dict(self._whole.found)
+
+    def _store_in_the_end(self) -> None:
+        """However it ends. Nothing is presented any more."""
+        try:
+            self._store_taken_down()
         except EtdError as error:
             print(f"etd: it could not be stored: {error}", file=sys.stderr, flush=True)
+        self._tell_taken_down()
 
-    def _tell_taken_down(self) -> bool:
-        """Whether anything was."""
-        before_ua = before_use(self._conditions, self._baseline).level_1_ua
-        said = said_of_whole(before_ua, self._whole)
+    def _tell_taken_down(self) -> None:
+        said = said_of_whole(self._before, self._whole)
         if said is not None:
             print(f"{said}: {self._which} is stored so", file=sys.stderr, flush=True)
-        return said is not None
 
     @property
     def trials(self) -> str | None:

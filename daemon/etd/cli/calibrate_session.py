@@ -140,7 +140,7 @@ class CalibrateSession:
 
     def _feel_whole(self, course: Course) -> None:
         """What cannot be presented leaves the levels as each electrode was accepted."""
-        before_ua = self._progress.level_1_ua
+        before = dict(self._progress.found)
         try:
             course.feel_whole()
         except NotDelivered as error:
@@ -150,7 +150,7 @@ class CalibrateSession:
                 file=sys.stderr,
             )
         finally:
-            if (said := said_of_whole(before_ua, self._progress)) is not None:
+            if (said := said_of_whole(before, self._progress)) is not None:
                 print(said, file=sys.stderr, flush=True)
 
     def settle(self) -> int:
