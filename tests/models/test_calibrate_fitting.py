@@ -62,7 +62,7 @@ def test_an_interruption_between_two_states_loses_nothing(tmp_path: Path) -> Non
     whole = ask_all(skin, progress, 1, until=2)
     path = tmp_path / "fit.json"
     save_progress(path, progress)
-    saved = load_fit(path, begun(skin, 1), has_seed=True)
+    saved = load_fit(path, begun(skin, 1), ["seed", "electrodes"])
     assert msgspec.to_builtins(saved) == msgspec.to_builtins(progress)
     assert whole.state == STATES[2]
     assert ask_all(skin, saved, 2).state is None
@@ -78,13 +78,13 @@ def test_a_saved_fit_of_other_conditions_is_refused(tmp_path: Path) -> None:
         progress, conditions=msgspec.structs.replace(progress.conditions, width_us=50)
     )
     with pytest.raises(FileError, match=r"conditions.*--restart"):
-        load_fit(path, other, has_seed=False)
+        load_fit(path, other, ["electrodes"])
     with pytest.raises(FileError, match="seed"):
-        load_fit(path, msgspec.structs.replace(progress, seed=9), has_seed=True)
-    assert load_fit(path, msgspec.structs.replace(progress, seed=9), has_seed=False).seed == 1
+        load_fit(path, msgspec.structs.replace(progress, seed=9), ["seed", "electrodes"])
+    assert load_fit(path, msgspec.structs.replace(progress, seed=9), ["electrodes"]).seed == 1
     path.write_text("{}")
     with pytest.raises(FileError, match="no saved fit"):
-        load_fit(path, progress, has_seed=False)
+        load_fit(path, progress, ["electrodes"])
 
 
 def test_what_was_too_strong_stays_below_in_later_states_unless_it_is_taken_back() -> None:
@@ -161,8 +161,8 @@ def test_saved_false_alarms_that_cannot_be_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "fit.json"
     progress.catch_trials, progress.false_alarms = 3, 2
     save_progress(path, progress)
-    assert load_fit(path, progress, has_seed=True).false_alarms == 2
+    assert load_fit(path, progress, ["seed", "electrodes"]).false_alarms == 2
     progress.false_alarms = 4
     save_progress(path, progress)
     with pytest.raises(FileError, match="4 of 3 silent trials cannot be"):
-        load_fit(path, progress, has_seed=True)
+        load_fit(path, progress, ["seed", "electrodes"])

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from command_rig import CommandRig, command_rig
 from etd.calibrate.conditions import Conditions, identity
@@ -18,7 +19,7 @@ from etd.calibrate.exponent import Asked
 from etd.calibrate.fitting import STATES, FitProgress, electrodes_to_ask
 from etd.calibrate.progress import save_progress
 from etd.files import resources
-from etd.files.calibration import load_calibration
+from etd.files.calibration import load_calibration, to_toml
 from etd_hal.compose import wall_time
 from terminal_rig import AtTerminal
 
@@ -151,6 +152,52 @@ def test_after_a_lease_that_lapsed_it_is_said_what_is_kept(rig: CommandRig) -> N
             at.close()
         assert said.status == 1
         assert "states that are over: 0: the same command continues" in said.err
+
+
+def test_what_was_too_strong_in_a_fit_is_taken_from_the_calibration_at_once(
+    rig: CommandRig,
+) -> None:
+    """Whatever becomes of the fit; and the same command continues it."""
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    path, exported = rig.folder / "P.toml", rig.folder / "K02.toml"
+    path.write_text(to_toml(replace(before, is_whole_accepted=True)))
+    asked = ("calibrate", "fake", "--fit", "--baseline", "K02", "--as", "K02", *LIMIT, "--seed=1")
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "K02").status == 0
+        at = AtTerminal(rig, *asked, "--arm")
+        try:
+            assert at.command.line() == "", "each state stands apart"
+            at.command.line_with("Then any key", "stdout")
+            # A key that comes before it waits for one is dropped.
+            rig.run("status")
+            at.press(b"n")
+            at.command.line_with("How strong was it?", "stdout")
+            at.press(b"t")
+            at.command.line_with("Was it so? t again", "stdout")
+            at.press(b"t")
+            at.command.line_with("How strong was it?", "stdout")
+            at.press(b"q")
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert said.status == 1, said.err
+        assert "too strong, so the cap is lower: electrode" in said.err
+        assert "K02 is stored so" in said.err
+        assert rig.run("calibration", "export", "K02", str(exported)).status == 0
+        again = AtTerminal(rig, *asked, "--arm")
+        try:
+            assert again.command.line() == ""
+            again.command.line_with("Then any key", "stdout")
+        finally:
+            again.close()
+    after = load_calibration(exported)
+    lowered = [
+        (was, now) for was, now in zip(before.electrode, after.electrode, strict=True) if was != now
+    ]
+    assert len(lowered) == 1
+    ((was, now),) = lowered
+    assert now.cap_ua < was.cap_ua
+    assert after.is_whole_accepted is None
 
 
 def test_a_simulated_person_answers_in_the_first_state_without_a_key(rig: CommandRig) -> None:

@@ -13,7 +13,7 @@ calibration: each step was answered before the next, up to the limit of this one
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -22,7 +22,7 @@ from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.exponent import LEAST_STATES, Asked, NoFit, fitted
-from etd.calibrate.progress import Progress
+from etd.calibrate.progress import Progress, capped
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
 from etd.protocol.exponent import LEAST_ELECTRODES, FittedExponent
@@ -142,17 +142,37 @@ class Fitting:
         progress.false_alarms += of_state.false_alarms
         return tuple(missing)
 
+    def lowered(self, baseline: Calibration) -> Calibration:
+        """The calibration without what was too strong in any state: the caps of these electrodes
+        are lower, and what was found of all levels together is of others.
+        """
+        caps_ua = [one.cap_ua for one in baseline.electrode]
+        left_ua = {one: ua for one, ua in self._left_ua().items() if ua < caps_ua[one]}
+        if not left_ua:
+            return baseline
+        each = list(baseline.electrode)
+        for electrode, ua in left_ua.items():
+            each[electrode] = capped(each[electrode], ua, each[electrode].comfortable_ua)
+        return msgspec.structs.replace(
+            baseline, electrode=tuple(each), is_whole_accepted=None, adaptation=None
+        )
+
+    def _left_ua(self) -> dict[int, int]:
+        """By electrode, of all states and the standing one."""
+        progress = self._progress
+        found = dict(progress.lowered_ua)
+        for electrode, ua in progress.lowering_ua.items():
+            found[electrode] = min(ua, found.get(electrode, ua))
+        return found
+
     def lower(self, of_state: Progress) -> None:
         """Called when something was too strong, and when that is taken back."""
         self._progress.lowering_ua = dict(of_state.lowered_ua)
 
     def _keep_lowered(self) -> None:
         """Also of a state that was interrupted."""
-        progress = self._progress
-        for electrode, left_ua in progress.lowering_ua.items():
-            before_ua = progress.lowered_ua.get(electrode, left_ua)
-            progress.lowered_ua[electrode] = min(before_ua, left_ua)
-        progress.lowering_ua = {}
+        self._progress.lowered_ua = self._left_ua()
+        self._progress.lowering_ua = {}
 
     @property
     def least_ua(self) -> dict[int, int]:
@@ -262,8 +282,9 @@ def _long(seconds: float) -> str:
 # --- its file ------------------------------------------------------------------------------------
 
 
-def load_fit(path: Path, asked_for: FitProgress, has_seed: bool) -> FitProgress:
-    """The saved one, for the same conditions and electrodes. `has_seed`: it was named.
+def load_fit(path: Path, asked_for: FitProgress, named: Collection[str] = ()) -> FitProgress:
+    """The saved one, for the same conditions. `named`: what else was asked for by name, of `seed`
+    and `electrodes`; what was not is as it was saved.
 
     Raises: FileError.
     """
@@ -275,7 +296,7 @@ def load_fit(path: Path, asked_for: FitProgress, has_seed: bool) -> FitProgress:
         raise FileError(str(path), "", why, "check its permissions") from error
     except msgspec.DecodeError as error:
         raise FileError(str(path), "", f"it is no saved fit ({error})", again) from error
-    for key in ("conditions", "electrodes", "board", "leak_ohm", *(("seed",) if has_seed else ())):
+    for key in ("conditions", "board", "leak_ohm", *named):
         if getattr(saved, key) != getattr(asked_for, key):
             raise FileError(str(path), key, "it was begun with others", again)
     expected = {(one.electrode, one.state) for one in saved.asked}

@@ -114,9 +114,15 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 def _taken_down(limits: ElectrodeLimits, times: float) -> ElectrodeLimits:
-    cap_ua = int(limits.cap_ua / times)
+    return capped(limits, int(limits.cap_ua / times), int(limits.comfortable_ua / times))
+
+
+def capped(limits: ElectrodeLimits, cap_ua: int, comfortable_ua: int) -> ElectrodeLimits:
+    """A felt electrode with a lower cap: its level is no more than these, and not below its
+    threshold. Where the cap is, it is not felt any more within what it may carry.
+    """
     if cap_ua >= limits.threshold_ua:
-        comfortable_ua = max(limits.threshold_ua, int(limits.comfortable_ua / times))
+        comfortable_ua = max(limits.threshold_ua, min(comfortable_ua, cap_ua))
         return msgspec.structs.replace(limits, comfortable_ua=comfortable_ua, cap_ua=cap_ua)
     return msgspec.structs.replace(
         limits,

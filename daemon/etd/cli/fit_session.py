@@ -16,7 +16,7 @@ import msgspec
 
 from etd.calibrate.answers import Answer, Answerer
 from etd.calibrate.asking import Presenter
-from etd.calibrate.conditions import check_baseline, check_conditions, check_laws
+from etd.calibrate.conditions import check_baseline, check_conditions, check_laws, identity
 from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
 from etd.calibrate.fitting import (
@@ -67,6 +67,7 @@ class FitSession:
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
+        self._stored = self._baseline
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
@@ -89,6 +90,7 @@ class FitSession:
             return
         with ExitStack() as stack:
             stack.callback(self._trials.close)
+            stack.callback(self._tell_lowered)
             wearer = self._armed_wearer(stack)
             if self._args.restart:
                 self._file.unlink(missing_ok=True)
@@ -151,7 +153,7 @@ class FitSession:
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
             tell_trials(self._args, self.trials)
             return 1
-        made = msgspec.structs.replace(self._baseline, exponent=found)
+        made = msgspec.structs.replace(self._fitting.lowered(self._baseline), exponent=found)
         store(self._args, self._display, self._which, made, self._file)
         self._answer(found, made)
         return 0
@@ -205,7 +207,9 @@ class FitSession:
         """The saved progress. Raises: FileError if it was begun otherwise."""
         if self._args.restart or not self._file.exists():
             return asked_for
-        saved = load_fit(self._file, asked_for, has_seed=self._args.seed is not None)
+        both = {"seed": self._args.seed, "electrodes": self._args.electrodes or None}
+        named = [key for key, value in both.items() if value is not None]
+        saved = load_fit(self._file, asked_for, named)
         check_pause(saved, self._now_s(), str(self._file))
         print(f"continuing: states that are over: {saved.states}", file=sys.stderr)
         return saved
@@ -214,9 +218,35 @@ class FitSession:
         return SIMULATED_SEED if self._is_simulated else randrange(MOST_SEED + 1)
 
     def _lowered(self, of_state: Progress) -> None:
-        """What was too strong is kept, whatever comes next."""
+        """What was too strong is kept, whatever comes next, and taken from the calibration: at
+        once, since nobody may finish this. Raises: FileError, Refused.
+        """
         self._fitting.lower(of_state)
         save_progress(self._file, self._progress)
+        made = self._fitting.lowered(self._baseline)
+        if made != self._stored:
+            self._display.set_calibration(self._which, made)
+            self._stored = made
+            self._go_on_from(made)
+
+    def _go_on_from(self, made: Calibration) -> None:
+        """What is saved is of the calibration as it is now, so that the same command continues."""
+        if self._which == self._args.baseline:
+            known = identity(self._which, made)
+            conditions = msgspec.structs.replace(self._progress.conditions, baseline=known)
+            self._progress.conditions = conditions
+            save_progress(self._file, self._progress)
+
+    def _tell_lowered(self) -> None:
+        both = zip(self._baseline.electrode, self._stored.electrode, strict=True)
+        caps = [
+            f"{electrode} ({now.cap_ua} uA instead of {was.cap_ua})"
+            for electrode, (was, now) in enumerate(both)
+            if now != was
+        ]
+        if caps:
+            said = f"too strong, so the cap is lower: electrode {', '.join(caps)}"
+            print(f"{said}: {self._which} is stored so", file=sys.stderr, flush=True)
 
     def _screen_of(self, of_state: Progress) -> Screen:
         return Screen(
