@@ -50,7 +50,7 @@ class Limit:
 
 
 def limit(body: BodyKind, seeds: Sequence[int], manner: Manner, processes: int = 1) -> Limit:
-    """By the levels that the measurement of adaptation leaves the first of each finger's persons."""
+    """By the levels that the measurement of adaptation leaves each finger's first person."""
     with ProcessPoolExecutor(processes) as pool:
         both = list(pool.map(partial(_both, body, manner), seeds))
     judged = [(risen, plain, felt_without(plain)) for risen, plain in both]

@@ -344,6 +344,14 @@ def test_an_electrode_that_was_open_when_the_supply_went_off_ramps_alone_once_it
     assert opening.ceilings(now_ns) == (1_500, {0: 300, 3: 0})
 
 
+def test_where_the_person_said_too_strong_it_begins_at_zero_after_the_supply_was_off() -> None:
+    opening = opening_at(1_000)
+    opening.supply_off([False], is_lowered=True)
+    assert opening.ceilings(START_NS + 100 * MS) == (0, {})
+    opening.found(0, is_touched=True)
+    assert opening.recontact_ua(0, START_NS + 100 * MS) == 0
+
+
 def test_a_restart_forgets_what_was_open() -> None:
     opening = opening_at(1_000)
     opening.supply_off([False])

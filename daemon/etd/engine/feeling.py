@@ -78,7 +78,7 @@ class Feeling:
 
     def fired(self, electrode: int, part: float, now_ns: int) -> None:
         """A pulse of a frame was fired, with this part of the frame's charge."""
-        self._word[electrode] = self._offsets.left(electrode)
+        self._word[electrode] = min(1.0, self._offsets.factor(electrode, now_ns))
         self._fired[electrode] = part
         self._offsets.fired(electrode, now_ns)
 
@@ -96,6 +96,11 @@ class Feeling:
             return None
         factor = self._offsets.left(electrode)
         return None if factor >= 1.0 else int(current_ua * factor)
+
+    @property
+    def is_lowered(self) -> bool:
+        """Whether *too strong* has left less than all of any current."""
+        return any(self._offsets.left(electrode) < 1.0 for electrode in range(self._count))
 
     def lowered(self) -> tuple[float, ...] | None:
         """The factor of each electrode; None where none is below 1."""

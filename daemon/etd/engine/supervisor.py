@@ -328,7 +328,7 @@ class Supervisor:
         self.last_silence = why
         self.sessions.went_safe(self.host_clock.now_ns())
         self.active.silence()
-        self.soft_start.supply_off(self.contact.is_touched)
+        self.soft_start.supply_off(self.contact.is_touched, self.feeling.is_lowered)
         self.contact.reset()
         self.returns.reset()
         self.adapter.reset()
@@ -366,7 +366,7 @@ class Supervisor:
         return problems
 
     def make_safe_again(self, now_ns: int) -> None:
-        """At each poll: a board that could not be made safe is tried again. It stays HALTED."""
+        """At each poll, where the last attempt to make the board safe has failed."""
         if self.supply.again(now_ns):
             self.report_state(self.clock.now_ns())
 

@@ -216,8 +216,12 @@ class SoftStart:
         """
         self._recontacts[electrode] = Ramp(self._top_ua)
 
-    def supply_off(self, are_touched: Sequence[bool | None]) -> None:
-        """All contacts are unknown from now on, and the ceilings stand."""
+    def supply_off(self, are_touched: Sequence[bool | None], is_lowered: bool = False) -> None:
+        """All contacts are unknown from now on, and the ceilings stand; unless the person's word
+        `is_lowered` them: it is forgotten with the supply, and nothing must come back at once.
+        """
+        if is_lowered:
+            self.restart()
         for electrode, is_touched in enumerate(are_touched):
             if is_touched is False:
                 self._were_open.add(electrode)

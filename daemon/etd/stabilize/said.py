@@ -117,14 +117,16 @@ class _Rise:
 
 
 class _Electrode:
-    """`offset`: the logarithm of its factor; `rises`: what took of the room of the last minute,
-    when, and how much.
+    """`offset`: the logarithm of its factor; `left`: the same of a current that is named, which
+    nothing raises above itself, so that *too strong* takes from that and not from a rise; `rises`:
+    what took of the room of the last minute, when, and how much.
     """
 
-    __slots__ = ("fired_ns", "insisting", "offset", "own", "rise", "rises")
+    __slots__ = ("fired_ns", "insisting", "left", "offset", "own", "rise", "rises")
 
     def __init__(self) -> None:
         self.offset = 0.0
+        self.left = 0.0
         self.rise: _Rise | None = None
         self.rises: tuple[tuple[int, float], ...] = ()
         self.fired_ns: int | None = None
@@ -159,6 +161,7 @@ class _Electrode:
         by = min(self.rise.by(self.offset), room)
         if by > _LEAST_LOG:
             self.offset += by
+            self.left = min(0.0, self.left + by)
             self.rise.left -= by
             self.rises = (*self.rises, (now_ns, by))
 
@@ -178,6 +181,7 @@ class _Electrode:
     def lower_by(self, step: float, now_ns: int) -> None:
         """At once; and nothing rises until the next word, or within a minute."""
         self.offset -= step
+        self.left = min(self.left - step, self.offset)
         self.rise = None
         self.rises = ((now_ns, _RISE_LOG),)
 
@@ -223,8 +227,8 @@ class FeltOffsets:
         return math.exp(found.offset if found.was_felt(now_ns) else min(found.offset, 0.0))
 
     def left(self, electrode: int) -> float:
-        """What *too strong* has left of it, as of its last pulse: at most 1."""
-        return 1.0 if self.is_idle else math.exp(min(self._electrodes[electrode].offset, 0.0))
+        """What *too strong* has left of a named current, as of its last pulse: at most 1."""
+        return 1.0 if self.is_idle else math.exp(self._electrodes[electrode].left)
 
     def factors(self) -> tuple[float, ...]:
         """Of all electrodes, as of the last pulse of each."""
