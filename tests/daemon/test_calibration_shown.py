@@ -106,6 +106,13 @@ def test_who_feels_silence_while_k_is_measured_is_told_of(rate: float, is_said: 
     assert all("felt 12% of 40 silent trials, more than 10%, while k was" in one for one in found)
 
 
+def test_a_calibration_of_a_day_to_come_is_in_doubt() -> None:
+    assert doubts_of(MADE, MADE.date) == []
+    (found,) = doubts_of(MADE, MADE.date - datetime.timedelta(days=1))
+    assert f"it is of {MADE.date}" in found
+    assert "one of the two is wrong" in found
+
+
 def test_nothing_is_doubted_without_a_reason() -> None:
     assert doubts_of(MADE) == []
 

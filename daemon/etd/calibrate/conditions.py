@@ -6,6 +6,7 @@ the progress of a calibration (progress).
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 from collections.abc import Sequence
 from typing import Annotated
@@ -113,6 +114,18 @@ def identity(name: str, baseline: Calibration) -> str:
     """Name, day, and a hash of the content."""
     digest = hashlib.sha256(to_toml(baseline).encode()).hexdigest()[:8]
     return f"{name} of {baseline.date.isoformat()} ({digest})"
+
+
+def check_date(baseline: Calibration, today: datetime.date) -> None:
+    """Before anything is asked that is added to it: what is of a day before it would not count.
+    Raises: Refused (`bad_calibration`).
+    """
+    if baseline.date > today:
+        raise Refused(
+            "bad_calibration",
+            f"it is of {baseline.date}, and this computer has {today}: set its clock, or the date"
+            " of the calibration",
+        )
 
 
 def check_baseline(

@@ -27,14 +27,14 @@ from etd.calibrate.adaptation import (
 )
 from etd.calibrate.answers import Answer, Answerer, Ask, Presentation
 from etd.calibrate.asking import Presenter
-from etd.calibrate.conditions import check_baseline, check_conditions, check_laws
+from etd.calibrate.conditions import check_baseline, check_conditions, check_date, check_laws
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import store, tell_trials
+from etd.cli.calibrate_result import marked, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
@@ -72,6 +72,7 @@ class AdaptationSession:
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
+        check_date(self._baseline, wall_time().date())
         self._conditions = conditions
         self._whole = before_use(conditions, self._baseline)
         self._before = dict(self._whole.found)
@@ -217,7 +218,7 @@ class AdaptationSession:
         nothing was taken down the calibration stays as it is. Raises: Refused.
         """
         if self._whole.found != self._stored:
-            self._display.set_calibration(self._which, self._made(None))
+            self._display.set_calibration(self._which, marked(self._display, self._made(None)))
             self._stored = dict(self._whole.found)
 
     def _store_in_the_end(self) -> None:

@@ -10,6 +10,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from etd.calibrate.trial import Stopped
 from etd.cli.arming import safe_again
 from etd.client import Display
@@ -29,11 +31,18 @@ def store(
     Refused.
     """
     safe_again(display)
+    made = marked(display, made)
     display.set_calibration(which, made)
     if args.out is not None:
         write_atomically(args.out, to_toml(made).encode(), mode=0o640)
     if progress is not None:
         progress.unlink(missing_ok=True)
+
+
+def marked(display: Display, made: Calibration) -> Calibration:
+    """What is stored: of a fake board, that it is modelled."""
+    is_fake = display.facts.board.backend == "fake"
+    return replace(made, modelled=True) if is_fake else made
 
 
 def same_command(args: argparse.Namespace) -> str:

@@ -136,7 +136,7 @@ def _show(args: argparse.Namespace) -> int:
         print("thresholds, low to high from 0 to 9:")
         print("\n".join(Picture(array.x_mm, array.y_mm).rows(signs)))
     print("\n".join(table_of(calibration)))
-    for doubt in doubts_of(calibration):
+    for doubt in doubts_of(calibration, today):
         print(shown(doubt))
     return 0
 

@@ -83,6 +83,7 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "largest_cap_ua": lambda value: f"{value} uA",
     "skin_celsius": lambda value: f"{value:g} C",
     "false_alarm_rate": _alarms,
+    "modelled": lambda _: "made on a fake board: no person felt it, and only a fake board plays it",
     "is_whole_accepted": lambda _: "yes, all electrodes at once at level 1",
     "is_drift_least": lambda _: "yes, it was not felt any more up to its cap",
 }

@@ -7,11 +7,14 @@ them), pictures (`check_draw.py`).
 from __future__ import annotations
 
 import argparse
+import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
+from msgspec.structs import replace
 
+from etd.cli.doubts import doubts_of
 from etd.cli.new_file import check_new_file
 from etd.files.calibration import load_calibration
 from etd.files.check import Checked, check_file
@@ -75,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     """
     _check_wish(args)
     today = wall_time().date()
-    answers = [check_file(path, today) for path in args.files]
+    answers = [_checked(path, today) for path in args.files]
     all_good = all(answer.error is None for answer in answers)
     together = _together(args) if args.together and all_good else None
     drawn = _draw(args, answers[0]) if args.draw is not None and all_good else None
@@ -98,6 +101,13 @@ def run(args: argparse.Namespace) -> int:
         if args.draw is not None:
             print(_about(drawn))
     return 0 if all_good else 1
+
+
+def _checked(path: Path, today: datetime.date) -> Checked:
+    answer = check_file(path, today)
+    if answer.error is not None or answer.kind != "calibration":
+        return answer
+    return replace(answer, doubts=tuple(doubts_of(load_calibration(path), today)))
 
 
 def _together(args: argparse.Namespace) -> str:
@@ -147,4 +157,5 @@ def lines_of(answer: Checked) -> list[str]:
     return [
         shown(f"good  {answer.file}: {answer.kind} {answer.name}: {answer.summary}"),
         *(f"      mended: {shown(sentence)}" for sentence in answer.mended),
+        *(f"      in doubt: {shown(sentence)}" for sentence in answer.doubts),
     ]

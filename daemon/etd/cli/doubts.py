@@ -6,6 +6,7 @@ order of all. Must not know: how silent trials are presented, how a calibration 
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
 
 from etd.calibrate.course import MOST_DRIFT, is_rest_due
@@ -13,9 +14,10 @@ from etd.cli.false_alarms import said_of_false_alarms, said_of_false_alarms_of_f
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 
 
-def doubts_of(made: Calibration) -> list[str]:
-    """None where nothing is known against it."""
+def doubts_of(made: Calibration, today: datetime.date | None = None) -> list[str]:
+    """None where nothing is known against it. `today`: where it was made before."""
     found = (
+        _of_date(made, today),
         said_of_false_alarms(made),
         said_of_false_alarms_of_fit(made),
         _of_drift(made),
@@ -29,6 +31,12 @@ def drift_in_words(drift: float, *, is_least: bool) -> str:
     if is_least:
         return f"risen by at least {max(drift, 0.0):.0%} (it was not felt up to its cap)"
     return f"{'risen' if drift > 0 else 'fallen'} by {abs(drift):.0%}"
+
+
+def _of_date(made: Calibration, today: datetime.date | None) -> str | None:
+    if today is None or made.date <= today:
+        return None
+    return f"it is of {made.date}, and this computer has {today}: one of the two is wrong"
 
 
 def _of_drift(made: Calibration) -> str | None:

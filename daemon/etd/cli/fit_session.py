@@ -16,7 +16,13 @@ import msgspec
 
 from etd.calibrate.answers import Answer, Answerer
 from etd.calibrate.asking import Presenter
-from etd.calibrate.conditions import check_baseline, check_conditions, check_laws, identity
+from etd.calibrate.conditions import (
+    check_baseline,
+    check_conditions,
+    check_date,
+    check_laws,
+    identity,
+)
 from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
 from etd.calibrate.fitting import (
@@ -33,7 +39,7 @@ from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import same_command, store, tell_trials
+from etd.cli.calibrate_result import marked, same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
@@ -67,6 +73,7 @@ class FitSession:
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
+        check_date(self._baseline, wall_time().date())
         self._stored = self._baseline
         self._progress = self._begun(
             FitProgress(
@@ -225,9 +232,10 @@ class FitSession:
         save_progress(self._file, self._progress)
         made = self._fitting.lowered(self._baseline)
         if made != self._stored:
-            self._display.set_calibration(self._which, made)
+            stored = marked(self._display, made)
+            self._display.set_calibration(self._which, stored)
             self._stored = made
-            self._go_on_from(made)
+            self._go_on_from(stored)
 
     def _go_on_from(self, made: Calibration) -> None:
         """What is saved is of the calibration as it is now, so that the same command continues."""

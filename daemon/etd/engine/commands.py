@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Sequence
 
 import msgspec
 
-from etd.engine.opening import taken
+from etd.engine.opening import check_felt, taken
 from etd.engine.supervisor import Supervisor
 from etd.protocol.calibration import Calibration
 from etd.protocol.carried import CarriedOver
@@ -178,6 +178,7 @@ def _begin_lease(
     core: Supervisor, command: OpenLease, calibrations: Sequence[Calibration], host_ns: int
 ) -> Answer:
     loaded = core.loaded
+    check_felt(calibrations, core.backend)
     if calibrations:
         person = limits_of_calibrations(
             calibrations,

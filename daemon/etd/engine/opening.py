@@ -107,6 +107,18 @@ class Opening:
             self._reader.cancel()
 
 
+def check_felt(calibrations: Sequence[Calibration], backend: str) -> None:
+    """A board that a person is at plays nothing that a model answered for. Raises: Refused
+    (`bad_calibration`).
+    """
+    if backend != "fake" and any(made.modelled for made in calibrations):
+        raise Refused(
+            "bad_calibration",
+            "it was made on a fake board, and no person felt it (modelled = true): calibrate the"
+            " person on this board",
+        )
+
+
 def taken(command: OpenLease, calibrations: Sequence[Calibration]) -> tuple[LeaseCalibration, ...]:
     """What the lease is opened with, as replies name it. Raises: Refused (`bad_calibration`)."""
     told = tuple(

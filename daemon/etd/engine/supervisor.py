@@ -55,7 +55,7 @@ class Supervisor:
         self.adapter, self.feeling = components.adapter, components.feeling
         self.gateway_link, self.opening = components.gateway_link, components.opening
         self.rail, self.marker = components.rail, components.backend.marker
-        self.returns = components.returns
+        self.backend, self.returns = components.backend.name, components.returns
         self.not_granted: tuple[str, ...] = ()
         self._failed_calibrations: tuple[str, ...] = ()
         self.last_silence: str | None = None
@@ -393,8 +393,8 @@ class Supervisor:
 
     def greet(self) -> None:
         """Send the gateway the board, the array and their maxima."""
-        states, backend = self.board.switch.states, self._components.backend
-        self.gateway_link.send(engine_hello(self.loaded, self.maxima, states, backend.name))
+        states = self.board.switch.states
+        self.gateway_link.send(engine_hello(self.loaded, self.maxima, states, self.backend))
 
     def send(self, message: Answer | LeaseEnded) -> None:
         """To the gateway, if one is attached."""

@@ -40,6 +40,8 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True):
     name: str = ""
     summary: str = ""
     mended: tuple[str, ...] = ()
+    #: Of a calibration: what speaks against its figures, though they hold together.
+    doubts: tuple[str, ...] = ()
     error: str | None = None
 
 

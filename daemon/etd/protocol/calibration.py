@@ -74,6 +74,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     electrode: Annotated[tuple[ElectrodeLimits, ...], PerElectrode]
     #: I = threshold + (comfortable - threshold) x level^(1/gamma)
     gamma: Annotated[float, Meta(ge=0.5, le=3.0)] = 1.0
+    #: Made on a fake board: no current of it was felt by a person, and only a fake board plays it.
+    modelled: Literal[True] | None = None
     #: How thresholds were found, and the number of pulses in a presentation.
     method: Method | None = None
     pulses: Annotated[int, Meta(ge=1, le=1_000)] | None = None
