@@ -26,9 +26,9 @@ from charge_witness import Witness, even_skin
 from etd.files.configuration import fake_config
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
-from etd.gateway.zmtp import Reader
 from etd.protocol.link import Channel, Listener
 from etd.protocol.messages import Limits
+from etd.protocol.zmtp import Reader
 from etd.safety.lease import Lease
 from etd_hal.backend import Backend
 from etd_hal.bench import StopName

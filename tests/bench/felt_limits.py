@@ -53,10 +53,9 @@ def limit(body: BodyKind, seeds: Sequence[int], manner: Manner, processes: int =
     """By the levels that the measurement of adaptation leaves each finger's first person."""
     with ProcessPoolExecutor(processes) as pool:
         both = list(pool.map(partial(_both, body, manner), seeds))
-    judged = [(risen, plain, felt_without(plain)) for risen, plain in both]
-    risen, plain = (
-        [variation_of(pair[at], pair[2]) for pair in judged if pair[2]] for at in (0, 1)
-    )
+    felt = [(*pair, electrodes) for pair in both if (electrodes := felt_without(pair[1]))]
+    risen = [variation_of(one, electrodes) for one, _, electrodes in felt]
+    plain = [variation_of(other, electrodes) for _, other, electrodes in felt]
     return Limit(body, sum(risen) / sum(plain), standard_error(risen, plain), len(plain))
 
 

@@ -18,10 +18,10 @@ import msgspec
 
 from etd.gateway.config import GatewayConfig
 from etd.gateway.server import Gateway
-from etd.gateway.zmtp import Reader
 from etd.protocol.errors import Undecodable
 from etd.protocol.frame import check_shape
 from etd.protocol.link import NewFrame, OpenLease, StopNow
+from etd.protocol.zmtp import Reader
 from fuzz.choices import Choices
 from fuzz.frame_bounds import check_frame
 from fuzz.message_targets import engine_messages, request_seeds

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from etd.gateway.zmtp import MOST_PARTS, PEERS, Parts, Reader, Violation, message
+from etd.protocol.zmtp import MOST_PARTS, PEERS, Parts, Reader, Violation, message
 from fuzz.choices import Choices
 from fuzz.target import Target
 from raw_client import hello, part
@@ -76,7 +76,7 @@ TARGETS = (
         "raw ZMTP: greeting, handshake, frames, cut anywhere",
         _play,
         _seeds,
-        ("daemon/etd/gateway/zmtp.py",),
+        ("daemon/etd/protocol/zmtp.py",),
         most_bytes=2_048,
     ),
 )

@@ -15,7 +15,10 @@ import pytest
 import zmq
 
 from command_rig import CommandRig, command_rig
+from etd.client.stopping import stop_at
 from etd.files.paths import MOST_OF_A_USER
+from etd.protocol.errors import DaemonGone
+from etd.protocol.zmtp import GREETING, ready
 
 pytestmark = pytest.mark.slow
 STRANGER = 65_533
@@ -121,3 +124,48 @@ def test_what_answers_as_no_daemon_does_hides_nothing_of_the_others(
     assert f"of{STRANGER}: silent, HALTED" in said.out
     assert f"of{STRANGER - 1}: NOT STOPPED" in said.out
     assert "Traceback" not in said.err
+
+
+class Endless(threading.Thread):
+    """Greets as a daemon does, and then sends one message that never ends, as fast as it is read."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._listening = socket.socket(socket.AF_UNIX)
+        self._listening.bind(str(folder / "control.sock"))
+        self._listening.listen()
+        #: Of what was read of it.
+        self.sent_bytes = 0
+        self.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._listening.shutdown(socket.SHUT_RDWR)
+        self.join()
+        self._listening.close()
+
+    def run(self) -> None:
+        part = b"\x01\xff" + bytes(255)
+        while True:
+            try:
+                connection, _ = self._listening.accept()
+            except OSError:
+                return
+            try:
+                connection.sendall(GREETING)
+                connection.recv(64)
+                connection.sendall(ready(b"ROUTER"))
+                while True:
+                    self.sent_bytes += connection.send(1_000 * part)
+            except OSError:
+                connection.close()
+
+
+def test_a_message_that_never_ends_is_not_kept(tmp_path: Path) -> None:
+    with Endless(tmp_path) as endless:
+        address = f"ipc://{tmp_path / 'control.sock'}"
+        with pytest.raises(DaemonGone, match="no daemon's .a message that is too long"):
+            stop_at("x", host=None, address=address, client="etd stop", timeout_s=5.0)
+    assert endless.sent_bytes < 1_000_000

@@ -3,15 +3,14 @@
 Owns: the one request that needs no facts. Must not know: leases, how a daemon stops.
 
 A `Display` greets the daemon when it is made. A greeting waits among the requests of others, and a
-daemon that has no place for one more client hears a stop, and nothing else.
+daemon that has no place for one more client hears a stop, and nothing else. What listens may be
+another user's: see `bounded.py`.
 """
 
 from __future__ import annotations
 
-import zmq
-
+from etd.client.bounded import BoundedExchange
 from etd.client.connection import way_to
-from etd.client.exchange import Exchange
 from etd.client.session import Session
 
 
@@ -20,7 +19,6 @@ def stop_at(
 ) -> None:
     """Arguments as a `Display` has them. Raises: DaemonGone, Refused."""
     way = way_to(name, host, address)
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     try:
         way.check_there()
         session = Session(
@@ -31,7 +29,6 @@ def stop_at(
             width_us=None,
             timeout_s=timeout_s,
         )
-        Exchange(context, way, session).run(session.stop())
+        BoundedExchange(way, session).run(session.stop())
     finally:
-        context.destroy(linger=0)
         way.close()

@@ -11,7 +11,7 @@ import struct
 from collections import deque
 
 from etd.gateway.turns import Sender
-from etd.gateway.zmtp import GREETING, Parts, Reader, Violation
+from etd.protocol.zmtp import GREETING, Parts, Reader, Violation
 
 #: Read in one turn: a long message takes some. With the longest message, half received, all that is
 #: stored of what was sent.

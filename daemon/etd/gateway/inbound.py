@@ -14,7 +14,6 @@ from typing import Any, TypeVar, get_args, get_type_hints
 import msgspec
 
 from etd.gateway.connection import Connection
-from etd.gateway.zmtp import Parts
 from etd.protocol.calibration import Method
 from etd.protocol.errors import Refused
 from etd.protocol.frame import POLARITIES, RETURNS_IN_WORDS
@@ -28,6 +27,7 @@ from etd.protocol.messages import (
     Stop,
 )
 from etd.protocol.text import PATTERN_IN_WORDS, escaped
+from etd.protocol.zmtp import Parts
 
 #: The order in which an error lists the ops.
 OPS = tuple(REPLY_OF_OP)

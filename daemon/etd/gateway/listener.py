@@ -18,7 +18,7 @@ from pathlib import Path
 from etd.gateway import places
 from etd.gateway.connection import Connection
 from etd.gateway.turns import Turns
-from etd.gateway.zmtp import Parts, message
+from etd.protocol.zmtp import Parts, message
 
 #: Accepted in one turn: few, so that a newcomer has some turns to say something.
 _ACCEPTS_A_TURN = 16

@@ -9,8 +9,8 @@ from collections import Counter
 
 from etd.gateway.connection import Connection
 from etd.gateway.listener import Listener
-from etd.gateway.zmtp import message
 from etd.protocol.messages import TOPICS
+from etd.protocol.zmtp import message
 
 #: A subscription is a byte and a topic, or the beginning of one.
 MAX_SUBSCRIPTION_BYTES = 64

@@ -25,6 +25,7 @@ PEERS = {
     b"ROUTER": (b"DEALER", b"REQ", b"ROUTER"),
     b"PULL": (b"PUSH",),
     b"XPUB": (b"SUB", b"XSUB"),
+    b"DEALER": (b"ROUTER", b"DEALER", b"REP"),
 }
 
 Parts = tuple[bytes, ...]
@@ -38,6 +39,11 @@ def message(parts: Sequence[bytes]) -> bytes:
     """A message on the wire."""
     last = len(parts) - 1
     return b"".join(_frame(_MORE if n < last else 0, part) for n, part in enumerate(parts))
+
+
+def ready(kind: bytes) -> bytes:
+    """A READY on the wire. `kind`: of the socket that sends it."""
+    return _frame(_COMMAND, b"\x05READY" + _property(b"Socket-Type", kind))
 
 
 def _frame(flags: int, body: bytes) -> bytes:
@@ -65,7 +71,8 @@ class Reader:
         self._fed = bytearray()
         self._parts: list[bytes] = []
         self._parts_bytes = 0
-        self._is_greeted = False
+        #: The peer speaks ZMTP: READY may be sent.
+        self.is_greeted = False
         #: The handshake is complete.
         self.is_ready = False
 
@@ -82,7 +89,7 @@ class Reader:
 
         Raises: Violation.
         """
-        if not self._is_greeted and not self._take_greeting():
+        if not self.is_greeted and not self._take_greeting():
             return None
         while (taken := self._take_frame()) is not None:
             flags, body = taken
@@ -109,7 +116,7 @@ class Reader:
         if fed[12:32] != _NULL:
             raise Violation("another mechanism than NULL")
         del fed[:_GREETING_BYTES]
-        self._is_greeted = True
+        self.is_greeted = True
         return True
 
     def _take_frame(self) -> tuple[int, bytes] | None:
@@ -143,7 +150,7 @@ class Reader:
             if name != b"READY" or _properties(rest).get(b"socket-type") not in PEERS[self._kind]:
                 raise Violation("a handshake of no peer of this socket")
             self.is_ready = True
-            return _frame(_COMMAND, b"\x05READY" + _property(b"Socket-Type", self._kind))
+            return ready(self._kind)
         if name == b"PING":
             return _frame(_COMMAND, b"\x04PONG" + rest[2:])  # after two bytes of a time to live
         if name == b"PONG":
