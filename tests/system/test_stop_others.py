@@ -127,7 +127,7 @@ def test_what_answers_as_no_daemon_does_hides_nothing_of_the_others(
 
 
 class Endless(threading.Thread):
-    """Greets as a daemon does, and then sends one message that never ends, as fast as it is read."""
+    """Greets as a daemon does, and sends one message that never ends, as fast as it is read."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()

@@ -189,6 +189,9 @@ class Course:
             return
         progress = self._progress
         progress.found[electrode] = track.result
+        if track.result.felt:
+            # All together were accepted without it.
+            progress.is_whole_accepted = False
         self.left.pop(electrode, None)
         self._on_progress(progress)
         if self._asks_sensation and track.result.felt:
