@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from calibrate_scenes import ROW
 from etd.calibrate.answers import Answer, Question
 from etd.calibrate.course import Course
+from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.trial import Stopped, Unsettled
 from etd.files.calibration import load_calibration, to_toml
@@ -171,6 +172,16 @@ def test_what_was_accepted_before_it_was_too_strong_counts_for_no_later_pass(
     assert kept.is_whole_accepted
     assert skin.wholes[-1] == kept.level_1_ua
     assert len(skin.wholes) > 5, "it is presented after that"
+
+
+def test_all_together_are_accepted_anew_with_an_electrode_that_was_found_after_it() -> None:
+    skin = NoisySkin(4, 11)
+    progress = Progress(
+        conditions=ROW, found={0: FOUND, 1: FOUND, 2: FOUND}, is_whole_accepted=True
+    )
+    Course(progress, skin, SimulatedPerson(skin.sense, 11), lambda: TODAY).run([3])
+    assert progress.found[3].felt
+    assert not progress.is_whole_accepted
 
 
 def test_all_together_too_strong_at_every_level_is_told_as_that() -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from board_rig import BoardRig, board_rig
 from charge_witness import even_skin
 from engine_parts import body_site
-from etd.firing import Firing, Flowed, ReadyPulse, left_pc
+from etd.firing import Firing, ReadyPulse
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
 from etd.safety.bookings import WINDOW_NS, Entry
@@ -36,7 +34,6 @@ INTERVAL_US = 2_000
 NEARLY = 0.75
 #: Of two phases, the message of the second: before it, relays are looked at.
 SECOND_MESSAGE = {KAJIMOTO: 2, RELAY: 3}
-charges_pc = st.integers(0, 10**9)
 
 
 class Scene:
@@ -292,25 +289,6 @@ def test_what_one_of_two_phases_took_over_its_plan_is_net_charge(
         scene.fire(stall)
     assert scene.left_pc == pytest.approx(way * CURRENT_UA * over_us, rel=1.0 - NEARLY)
     assert abs(scene.body.charge_pc(HERE)) <= abs(scene.left_pc) + 1.0
-
-
-@given(
-    phases=st.lists(st.tuples(charges_pc, charges_pc).map(sorted), min_size=1, max_size=2),
-    is_anodic=st.booleans(),
-    parts=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
-)
-def test_no_phases_may_have_left_more_than_is_booked(
-    phases: list[list[int]], is_anodic: bool, parts: tuple[float, float]
-) -> None:
-    left = left_pc(is_anodic=is_anodic, flowed=[Flowed(*each) for each in phases])
-    had_pc = [
-        least + part * (most - least) for (least, most), part in zip(phases, parts, strict=False)
-    ]
-    truth_pc = had_pc[0] - sum(had_pc[1:])
-    assert abs(truth_pc) <= abs(left) + 1.0
-    one_end_pc = phases[0][1] - sum(least for least, _ in phases[1:])
-    other_end_pc = phases[0][0] - sum(most for _, most in phases[1:])
-    assert (left if is_anodic else -left) in (one_end_pc, other_end_pc)
 
 
 def test_of_a_first_phase_that_failed_it_is_all_that_may_have_flowed() -> None:

@@ -87,20 +87,6 @@ def test_64_thresholds_are_found_within_a_tenth_and_nothing_hurts(
     check_order(made, "made")
 
 
-def test_all_together_are_accepted_anew_with_an_electrode_that_was_found_after_it() -> None:
-    skin = NoisySkin(4, 11)
-    first, _ = calibrated(skin)
-    progress = msgspec.structs.replace(
-        first,
-        found={one: limits for one, limits in first.found.items() if one < 3},
-        is_whole_accepted=True,
-    )
-    person = SimulatedPerson(skin.sense, skin.seed)
-    Course(progress, skin, person, lambda: TODAY).run([3])
-    assert progress.found[3].felt
-    assert not progress.is_whole_accepted
-
-
 def test_quest_plus_finds_them_too() -> None:
     skin = NoisySkin(8, 14)
     _, made = calibrated(skin, "quest-plus")

@@ -167,40 +167,6 @@ def test_too_strong_lowers_at_once_whatever_was_said_before(
         assert played.offsets.left(electrode) <= left[electrode] * at_most + 1e-9
 
 
-@given(stories, st.booleans())
-def test_a_named_current_is_never_raised_and_has_what_is_left_of_any_other(
-    story: list[Moment], may_raise: bool
-) -> None:
-    played = Played(may_raise=may_raise)
-    for moment in story:
-        played.fire(moment)
-        played.say(moment)
-        for electrode, factor in enumerate(played.offsets.factors()):
-            left = played.offsets.left(electrode)
-            assert left <= min(factor, 1.0) + 1e-9
-            if not may_raise:
-                assert left == pytest.approx(factor)
-
-
-def test_a_named_current_comes_back_as_far_as_the_rest_rises() -> None:
-    """Raised to twice 5 %, taken down once, and raised again."""
-    played = Played()
-    offsets = played.offsets
-    for minute in range(1, 30):
-        offsets.fired(0, minute * MINUTE)
-        offsets.hear("too_weak", None, minute * MINUTE)
-    now_ns = 30 * MINUTE
-    assert offsets.factors()[0] == pytest.approx(MOST)
-    offsets.fired(0, now_ns)
-    offsets.lower((0,), now_ns)
-    assert offsets.factors()[0] == pytest.approx(MOST * (1.0 - LOWERED_BY))
-    assert offsets.left(0) == pytest.approx(1.0 - LOWERED_BY)
-    for minute in range(31, 60):
-        offsets.fired(0, minute * MINUTE)
-        offsets.hear("too_weak", None, minute * MINUTE)
-    assert offsets.left(0) == pytest.approx(1.0, abs=1e-6)
-
-
 @given(stories)
 def test_too_weak_lowers_nothing_and_good_nothing_below_the_frames_own(
     story: list[Moment],
