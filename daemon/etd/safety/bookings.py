@@ -167,9 +167,9 @@ def carried_line(entry: Entry, now_ns: int, charge_pc: int) -> Line:
 
 def worst_net_pc(entry: Entry, worst_pc: int) -> int:
     """What a single phase leaves that has so much charge; of phases that balance, nothing."""
-    if not entry.net_pc:
-        return 0
-    return worst_pc if entry.net_pc > 0 else -worst_pc
+    if entry.net_pc > 0:
+        return worst_pc
+    return -worst_pc if entry.net_pc < 0 else 0
 
 
 def share_pc(share: float, charge_pc: int) -> int:
