@@ -236,6 +236,28 @@ def test_a_pulse_that_leaves_nothing_fits_unless_one_of_its_path_is_above_its_bo
 
 
 @pytest.mark.parametrize(
+    ("conducts_s", "rounds"),
+    [
+        # Measured, all of it has come back at the first; by even parts a quarter has.
+        ([1e-4, 0.0, 0.0, 0.0, 0.0], 1),
+        # Measured, none of it has; by even parts three times two fifths of the bound.
+        ([0.0, 1e-4, 1e-4, 1e-4, 1e-4], 3),
+    ],
+)
+def test_a_pulse_that_leaves_nothing_does_not_fit_where_either_account_is_above_the_bound(
+    conducts_s: list[float], rounds: int
+) -> None:
+    net = NetCharge(N, BOUND_PC)
+    net.set_conductances(conducts_s)
+    for _ in range(rounds):
+        for electrode in range(1, N):
+            net.add(electrode, 0.4 * BOUND_PC, None, NOW_NS)
+    above = [max(map(abs, state.left_pc)) > BOUND_PC for state in net.states(NOW_NS)]
+    assert sum(above) == 1
+    assert not net.fits(1, 0, None, NOW_NS)
+
+
+@pytest.mark.parametrize(
     ("conducts_s", "pulse_pc"),
     [
         # Measured, all of it comes back at the first.
