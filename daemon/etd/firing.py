@@ -24,7 +24,6 @@ its worst case. See docs/decisions/0035.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
@@ -47,6 +46,9 @@ class Flowed(NamedTuple):
 
     least_pc: int
     most_pc: int
+
+
+_NOTHING: Final = Flowed(0, 0)
 
 
 class ReadyPulse:
@@ -111,8 +113,6 @@ class Firing:
         self._ledger = ledger
         self._now_ns = clock.now_ns
         self._halt_excess_ns = int(board.machine.halt_excess_us * 1_000)
-        #: Of one message that does not halt.
-        self._most_excess_us = math.ceil(board.machine.halt_excess_us)
         self._drift_ns = board.machine.drift_us * 1_000
         self._deviation_ns = 0.0
 
@@ -127,7 +127,7 @@ class Firing:
 
     def book(self, ready: ReadyPulse) -> Booking:
         """Books the worst case. `fire` or `take_back` follows."""
-        excess_pc = len(ready.phases) * ready.given.current_ua * self._most_excess_us
+        excess_pc = len(ready.phases) * self._most_excess_pc(ready)
         return self._ledger.book(ready.entry, self._now_ns(), ready.entry.charge_pc + excess_pc)
 
     def connect(self, ready: ReadyPulse) -> Booking:
@@ -160,9 +160,8 @@ class Firing:
                 self._board.flip(ready.selection, phases[at])
                 last = self._play(booking, ready, flowed, is_over=at == last_at)
         finally:
-            # Nothing, where the first message was refused: its booking was taken back.
-            if flowed:
-                self._ledger.settle_net(booking, left_pc(is_anodic=phases[0], flowed=flowed))
+            # Nothing flowed where the first message was refused, whose booking was taken back.
+            self._ledger.settle_net(booking, left_pc(is_anodic=phases[0], flowed=flowed))
         return first, last
 
     def fire_unloaded(self, pulse: Pulse, given: PulseRequest) -> PulseResult:
@@ -221,10 +220,10 @@ class Firing:
             self._make_safe(booking, ready, flowed, fault)
             raise
         at = len(flowed)
-        excess_ns, current_ua = result.excess_ns, ready.given.current_ua
+        excess_ns = result.excess_ns
         self._deviation_ns += _DRIFT_WEIGHT * (excess_ns - self._deviation_ns)
         excess_pc = _flowed_pc(ready.given, excess_ns) if excess_ns > 0 else 0
-        charge_pc = booking.charge_pc - current_ua * self._most_excess_us + excess_pc
+        charge_pc = booking.charge_pc - self._most_excess_pc(ready) + excess_pc
         flowed.append(Flowed(ready.given.charge_pc, ready.given.charge_pc + excess_pc))
         self._ledger.correct(booking, charge_pc, booking.begun_ns if at else result.begun_ns)
         if excess_ns > self._halt_excess_ns:
@@ -255,10 +254,14 @@ class Firing:
         phase had.
         """
         since_ns, now_ns = max(booking.begun_ns, self._board.sent_ns), self._now_ns()
-        booked_pc = ready.given.charge_pc + ready.given.current_ua * self._most_excess_us
+        booked_pc = ready.given.charge_pc + self._most_excess_pc(ready)
         more_pc = max(0, _flowed_pc(ready.given, now_ns - since_ns) - booked_pc)
         self._ledger.correct(booking, booking.charge_pc + more_pc, now_ns)
         return booked_pc + more_pc
+
+    def _most_excess_pc(self, ready: ReadyPulse) -> int:
+        """Of one message that does not halt."""
+        return _flowed_pc(ready.given, self._halt_excess_ns)
 
     def _too_long(self, excess_ns: int, where: str) -> BoardFault:
         return BoardFault(
@@ -272,10 +275,9 @@ def left_pc(*, is_anodic: bool, flowed: Sequence[Flowed]) -> int:
     """What phases in turn left, the first one `is_anodic` or not, positive into the skin: of all
     that they may have left, what is furthest from nothing.
     """
-    most_pc = least_pc = 0
-    for at, it in enumerate(flowed):
-        most_pc += -it.least_pc if at % 2 else it.most_pc
-        least_pc += -it.most_pc if at % 2 else it.least_pc
+    first, second = (*flowed, _NOTHING, _NOTHING)[:2]
+    most_pc = first.most_pc - second.least_pc
+    least_pc = first.least_pc - second.most_pc
     furthest_pc = most_pc if most_pc >= -least_pc else least_pc
     return furthest_pc if is_anodic else -furthest_pc
 

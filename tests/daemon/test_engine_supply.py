@@ -10,7 +10,7 @@ import pytest
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import armed, halts, moves, only, states
-from etd.engine.supply import AGAIN_NS
+from etd.engine.supply import AGAIN_NS, Supply
 from etd.protocol.link import ClearHalt, DisarmBoard, StopNow
 from etd_hal.backend import Backend
 from etd_hal.cutlatch import POWER
@@ -126,3 +126,39 @@ def test_attempts_leave_the_processor_time_and_a_halt_is_not_cleared_meanwhile(
     rig.run_ms(30)
     assert rig.ask(ClearHalt).error is None
     assert rig.state == "SAFE"
+
+
+def test_an_attempt_is_made_when_the_last_one_has_been_over_for_long_enough(
+    make_rig: MakeRig,
+) -> None:
+    rig, lines = shown(make_rig, "reference-hv507")
+    supply = rig.engine.supervisor.supply
+    assert AGAIN_NS == 10_000_000
+    assert not supply.again(rig.clock.now_ns()), "nothing has failed"
+    assert is_on(rig)
+    lines.fails = 1
+    assert any("EIO" in problem for problem in supply.off())
+    again_ns = rig.clock.now_ns() + AGAIN_NS
+    assert not supply.again(again_ns - 1)
+    assert is_on(rig)
+    assert supply.again(again_ns)
+    assert not is_on(rig)
+    assert not supply.again(again_ns + AGAIN_NS)
+
+
+def test_a_halt_that_was_cleared_wakes_the_stopper_for_its_note(make_rig: MakeRig) -> None:
+    rig, _ = shown(make_rig, "kajimoto-hv507")
+    words, watched = rig.engine.components.board.cut.words, []
+    rig.ask(StopNow, client="operator")
+    rig.engine.supervisor.supply.watched = lambda is_needed: watched.append(
+        (is_needed, words[POWER])
+    )
+    before = words[POWER]
+    assert rig.ask(ClearHalt).error is None
+    assert watched == [(False, before), (False, before + 2)], "made safe once more, then cleared"
+
+
+def test_without_a_stopper_nobody_is_woken(make_rig: MakeRig) -> None:
+    parts = make_rig("kajimoto-hv507").engine.components
+    alone = Supply(parts.board, parts.stopper_liveness, parts.clock)
+    assert alone.off() == ()

@@ -5,102 +5,28 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from board_rig import BoardRig, board_rig
-from charge_witness import even_skin
-from engine_parts import body_site
-from etd.firing import Firing, ReadyPulse
+from etd.firing import Firing
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal
 from etd.pulse.request import PulseRequest
-from etd.safety.bookings import WINDOW_NS, Entry
-from etd.safety.ledger import Bounds, Ledger
-from etd.safety.maxima import maxima_of
+from etd.safety.bookings import WINDOW_NS
 from etd.selftest.fixture import Fixture
 from etd.selftest.prober import Prober
-from etd_body.interface import Side
 from etd_hal.fake.faults import Fault, MisoStuck, SpiError, SpiShort, SpiStall
 from etd_hal.ports import Clock
+from firing_scene import (
+    CURRENT_UA,
+    HALT_EXCESS_US,
+    HERE,
+    INTERVAL_US,
+    KAJIMOTO,
+    NEARLY,
+    PHASE_PC,
+    RELAY,
+    SECOND_MESSAGE,
+    WIDTH_US,
+    Scene,
+)
 from selftest_rig import SelftestRig, selftest_rig
-from stepped_board import shipped_board
-
-KAJIMOTO, RELAY = "kajimoto-hv507", "feetthrough-relay"
-HERE, RETURNS = 5, (6, 9)
-CURRENT_UA, WIDTH_US = 1_000, 100
-PHASE_PC = CURRENT_UA * WIDTH_US
-#: A message that is so much over its plan halts, by the machine file.
-HALT_EXCESS_US = 300
-#: Of the body site.
-INTERVAL_US = 2_000
-#: Of the plan: the rest goes through the leak.
-NEARLY = 0.75
-#: Of two phases, the message of the second: before it, relays are looked at.
-SECOND_MESSAGE = {KAJIMOTO: 2, RELAY: 3}
-
-
-class Scene:
-    """A live board on even skin, a ledger, and a pulse that is connected."""
-
-    def __init__(self, board: str = KAJIMOTO, phases: tuple[bool, ...] = (True,)) -> None:
-        file = shipped_board(board)
-        self.count = file.switch.outputs
-        self.body = even_skin(file, self.count)
-        self.rig: BoardRig = board_rig(board, body=self.body)
-        self.rig.begin()
-        maxima = maxima_of(file, body_site())
-        assert maxima.interval_us == INTERVAL_US
-        self.ledger = Ledger(self.count, Bounds.of(maxima))
-        self.firing = Firing(self.rig.board, self.ledger, self.rig.clock)
-        returns = RETURNS if board == RELAY else None
-        selection = self.rig.board.selection(HERE, returns)
-        pulse = self.rig.board.pulse(CURRENT_UA, WIDTH_US)
-        charge_pc, on_us = PHASE_PC * len(phases), WIDTH_US * len(phases)
-        entry = Entry(HERE, charge_pc, on_us, returns, 1.0, net_pc=0 if len(phases) > 1 else None)
-        given = PulseRequest(CURRENT_UA, WIDTH_US)
-        self.ready = ReadyPulse(entry, selection, phases, pulse, given)
-        self.rig.board.prepare(selection, whole=True)
-        self.rig.board.connect(selection, phases[0])
-        self.begun_ns = self.rig.clock.now_ns()
-
-    def fire(self, *faults: Fault) -> None:
-        for fault in faults:
-            self.rig.fake.world.put_in(fault)
-        self.firing.fire(self.firing.book(self.ready), self.ready)
-
-    @property
-    def is_connected(self) -> bool:
-        """By the wire: not all electrodes are on ground."""
-        return Side.SOURCE in self.rig.sides
-
-    @property
-    def booked_pc(self) -> int:
-        return self.ledger.charge_pc(HERE, self.rig.clock.now_ns())
-
-    @property
-    def left_pc(self) -> float:
-        """Net, by the ledger."""
-        return self.ledger.net.of(HERE, self.rig.clock.now_ns())
-
-    def since_pc(self, begun_ns: int) -> int:
-        """At its full current until now."""
-        return CURRENT_UA * (self.rig.clock.now_ns() - begun_ns) // 1_000
-
-    def pulses_ns(self) -> list[int]:
-        """When the messages with a pulse began: those of several transfers, since the scene did."""
-        return [
-            entry["t_ns"]
-            for entry in self.rig.records()
-            if entry.get("event") == "message"
-            and entry["transfers"] > 1
-            and entry["t_ns"] >= self.begun_ns
-        ]
-
-    def got_pc(self, electrode: int = HERE) -> float:
-        return self.body.absolute_charge_pc(electrode)
-
-    def check_all(self) -> None:
-        """Nobody got more than the ledger has."""
-        now_ns = self.rig.clock.now_ns()
-        for electrode in range(self.count):
-            assert self.got_pc(electrode) <= self.ledger.charge_pc(electrode, now_ns) + 1.0
 
 
 @pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
@@ -198,7 +124,7 @@ def test_before_a_second_phase_it_is_booked_at_its_worst_and_the_first_as_it_was
     assert scene.booked_pc == PHASE_PC * 2 + CURRENT_UA * 200
 
 
-@pytest.mark.parametrize("stall_us", [1, 200, 299])
+@pytest.mark.parametrize("stall_us", [1, 200, 300])
 def test_what_a_message_took_over_its_plan_is_in_the_ledger(stall_us: int) -> None:
     scene = Scene()
     scene.fire(SpiStall(stall_us))
@@ -208,7 +134,7 @@ def test_what_a_message_took_over_its_plan_is_in_the_ledger(stall_us: int) -> No
 
 def test_a_message_too_far_over_its_plan_is_a_fault_and_is_in_the_ledger_whole() -> None:
     scene = Scene(phases=(True, False))
-    with pytest.raises(BoardFault, match="5000 us over its plan at electrode 5"):
+    with pytest.raises(BoardFault, match=r"5000 us over its plan at electrode 5.*at most 300 us"):
         scene.fire(SpiStall(5_000))
     assert scene.booked_pc >= CURRENT_UA * 5_000 + PHASE_PC * 2
     scene.check_all()
@@ -347,7 +273,7 @@ def test_a_board_that_does_not_become_safe_after_an_error_is_told_with_it() -> N
 
 
 @pytest.mark.parametrize("board", [KAJIMOTO, RELAY])
-@pytest.mark.parametrize("stall_us", [250, 400])
+@pytest.mark.parametrize("stall_us", [300, 301])
 def test_a_check_with_nothing_connected_that_takes_too_long_is_a_fault(
     board: str, stall_us: int
 ) -> None:
@@ -357,7 +283,7 @@ def test_a_check_with_nothing_connected_that_takes_too_long_is_a_fault(
     live.isolate()
     given = PulseRequest(300, WIDTH_US // 2)
     scene.rig.fake.world.put_in(SpiStall(stall_us))
-    if stall_us < HALT_EXCESS_US:
+    if stall_us <= HALT_EXCESS_US:
         scene.firing.fire_unloaded(live.pulse(given.current_ua, given.width_us), given)
     else:
         with pytest.raises(BoardFault, match="with nothing connected"):

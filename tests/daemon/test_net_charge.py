@@ -252,6 +252,8 @@ def test_a_pulse_that_leaves_nothing_does_not_fit_where_either_account_is_above_
     for _ in range(rounds):
         for electrode in range(1, N):
             net.add(electrode, 0.4 * BOUND_PC, None, NOW_NS)
+        # What room there is is counted anew, as long as a pulse fits by even parts.
+        net.fits(1, 1, None, NOW_NS)
     above = [max(map(abs, state.left_pc)) > BOUND_PC for state in net.states(NOW_NS)]
     assert sum(above) == 1
     assert not net.fits(1, 0, None, NOW_NS)
