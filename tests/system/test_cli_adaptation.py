@@ -54,7 +54,7 @@ def test_what_use_does_is_added_to_a_calibration(rig: CommandRig) -> None:
 
 def test_an_interruption_keeps_nothing_and_says_so(rig: CommandRig) -> None:
     trials = rig.folder / "A01.tsv"
-    at = rig.start(*IN_USE, *ON_FAKE, "--trials", str(trials))
+    at = rig.start(*IN_USE, *ON_FAKE, "--use-s", str(QUESTIONS), "--trials", str(trials))
     while not (trials.exists() and len(trials.read_text().splitlines()) > 2):
         assert at.process.poll() is None
         rig.run("status")
