@@ -92,7 +92,7 @@ class Scene:
         return self.body.absolute_charge_pc(electrode)
 
     def check_all(self) -> None:
-        """Nobody got more than the ledger has."""
+        """No electrode got more than the ledger has."""
         now_ns = self.rig.clock.now_ns()
         for electrode in range(self.count):
             assert self.got_pc(electrode) <= self.ledger.charge_pc(electrode, now_ns) + 1.0

@@ -124,24 +124,24 @@ def test_a_person_whose_electrodes_need_more_than_the_limit_is_told_so() -> None
 
 def test_the_bench_says_no_where_too_few_get_theirs_or_too_many_get_what_they_have_not() -> None:
     true_k = [0.8] * 20
-    nobody: list[float | None] = [None] * 20
+    none_got: list[float | None] = [None] * 20
     got: list[float | None] = [*[0.8 * 1.2] * 18, 0.8 * 1.3, None]
-    said, is_held = bench_fit.judged("adapting", true_k, got, [0.3, *nobody[1:]])
+    said, is_held = bench_fit.judged("adapting", true_k, got, [0.3, *none_got[1:]])
     assert is_held
     assert "18 get theirs within 25% (19 get one" in said
     assert "of 20 without, 1 get one: holds" in said
-    assert not bench_fit.judged("adapting", true_k, [None, *got[1:]], nobody)[1]
-    assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
-    verdict, is_held = bench_fit.judged("poor", true_k, nobody, nobody)
+    assert not bench_fit.judged("adapting", true_k, [None, *got[1:]], none_got)[1]
+    assert not bench_fit.judged("adapting", true_k, got, [0.3, 0.3, *none_got[2:]])[1]
+    verdict, is_held = bench_fit.judged("poor", true_k, none_got, none_got)
     assert is_held
     assert verdict.endswith("that they get theirs is told and not asked for")
-    assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *nobody[2:]])[1]
-    assert not bench_fit.judged("area", true_k, nobody, [])[1]
-    assert bench_fit.judged("sweat", [], [], nobody) == (
+    assert not bench_fit.judged("poor", true_k, got, [0.3, 0.3, *none_got[2:]])[1]
+    assert not bench_fit.judged("area", true_k, none_got, [])[1]
+    assert bench_fit.judged("sweat", [], [], none_got) == (
         "sweat: of 20 without, 0 get one: holds",
         True,
     )
-    assert not bench_fit.judged("sweat", [], [], [0.3, 0.3, *nobody[2:]])[1]
+    assert not bench_fit.judged("sweat", [], [], [0.3, 0.3, *none_got[2:]])[1]
 
 
 @pytest.mark.parametrize("false_alarms", [0.0, 0.3])

@@ -7,6 +7,7 @@ import os
 import socket
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
@@ -169,3 +170,37 @@ def test_a_message_that_never_ends_is_not_kept(tmp_path: Path) -> None:
         with pytest.raises(DaemonGone, match=r"no daemon.s \(a message that is too long\)"):
             stop_at("x", host=None, address=address, client="etd stop", timeout_s=5.0)
     assert endless.sent_bytes < 1_000_000
+
+
+def test_a_queue_that_is_full_is_tried_again_until_the_time_is_over(tmp_path: Path) -> None:
+    control = tmp_path / "control.sock"
+    with ExitStack() as stack:
+        listening = stack.enter_context(socket.socket(socket.AF_UNIX))
+        listening.bind(str(control))
+        listening.listen(0)
+        waiting = stack.enter_context(socket.socket(socket.AF_UNIX))
+        waiting.connect(str(control))
+        with pytest.raises(DaemonGone, match=r"no answer to stop within 0\.2 s"):
+            stop_at("x", host=None, address=f"ipc://{control}", client="etd stop", timeout_s=0.2)
+
+
+@pytest.mark.parametrize("reads", [False, True], ids=["reset", "closed"])
+def test_a_daemon_that_hangs_up_and_is_there_again_hears_it(tmp_path: Path, reads: bool) -> None:
+    control = tmp_path / "control.sock"
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(str(control))
+    listening.listen()
+    with ThreadPoolExecutor(1) as pool, ExitStack() as stack:
+        asked = pool.submit(
+            stop_at, "x", host=None, address=f"ipc://{control}", client="etd stop", timeout_s=30.0
+        )
+        # The first one only looks whether it listens.
+        listening.accept()[0].close()
+        connection, _ = listening.accept()
+        listening.close()
+        control.unlink()
+        if reads:
+            connection.recv(64)
+        connection.close()
+        stack.enter_context(Stopping(tmp_path))
+        assert asked.result() is None

@@ -3,7 +3,7 @@
 Owns: bringing them up to level 1 first, what is told on the way, what is stored and printed at the
 end. Must not know: names of options, when it is asked and what counts (etd.calibrate), keys.
 
-No answer is saved before its end: it takes a quarter of an hour, and touch recovers in a pause.
+No answer is saved before its end: it takes some 17 minutes, and touch recovers in a pause.
 What was too strong is stored at once, in the levels.
 """
 

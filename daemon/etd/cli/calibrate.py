@@ -128,7 +128,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--adaptation",
         action="store_true",
         help="ask whether the array in use is felt less after minutes, for what the person's word"
-        " may raise: a quarter of an hour, after five minutes of rest",
+        " may raise: some 17 minutes, after five minutes of rest",
     )
     parser.add_argument(
         "--use-s",

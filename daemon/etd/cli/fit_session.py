@@ -225,8 +225,8 @@ class FitSession:
         return SIMULATED_SEED if self._is_simulated else randrange(MOST_SEED + 1)
 
     def _lowered(self, of_state: Progress) -> None:
-        """What was too strong is kept, whatever comes next, and taken from the calibration: at
-        once, since nobody may finish this. Raises: FileError, Refused.
+        """What was too strong is kept, and taken from the calibration at once: the fit may never be
+        finished. Raises: FileError, Refused.
         """
         self._fitting.lower(of_state)
         save_progress(self._file, self._progress)

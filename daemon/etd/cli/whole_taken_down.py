@@ -16,13 +16,13 @@ def said_of_whole(before: Mapping[int, ElectrodeLimits], progress: Progress) -> 
     """None: nothing. `before`: what each was alone."""
     if progress.found == before:
         return None
-    felt = {electrode: one for electrode, one in before.items() if one.felt}
+    felt = {electrode: one for electrode, one in before.items() if one.felt and one.comfortable_ua}
     after_ua = progress.level_1_ua
     left = [after_ua.get(electrode, 0) / one.comfortable_ua for electrode, one in felt.items()]
     caps = [progress.found[electrode].cap_ua / one.cap_ua for electrode, one in felt.items()]
     kept = [part for part in left if part > 0.0]
     levels = f"their levels and caps are {min(kept):.0%}" if kept else "no level is left"
-    if min(left) >= 1.0:
+    if kept and min(left) >= 1.0:
         levels = f"their caps are {min(caps):.0%}, and their levels stay at the thresholds,"
     below = said_of_caps(progress.below_threshold)
     return (
