@@ -68,10 +68,14 @@ def fire_phase(
 
 @dataclass
 class FailingGpio:
-    """Lines that fail: each `set` whose number (from 0) is in `fails`."""
+    """Lines that fail: each `set` whose number (from 0) is in `fails`; or that succeed and do
+    nothing: those in `does_nothing`. Without `reads` no line can be read.
+    """
 
     inner: Gpio
     fails: frozenset[int] = frozenset()
+    does_nothing: frozenset[int] = frozenset()
+    reads: bool = True
     sent: list[Changes] = field(default_factory=list)
 
     @property
@@ -82,9 +86,12 @@ class FailingGpio:
         self.sent.append(changes)
         if self.calls - 1 in self.fails:
             raise BusError("io", "the lines", "set")
-        self.inner.set(changes)
+        if self.calls - 1 not in self.does_nothing:
+            self.inner.set(changes)
 
     def get(self, line: int) -> int:
+        if not self.reads:
+            raise BusError("io", "the lines", "get")
         return self.inner.get(line)
 
     def edges(self) -> tuple[Edge, ...]:

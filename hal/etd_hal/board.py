@@ -378,6 +378,9 @@ class Board:
         """
         cuts = self.cut.see()
         not_blanked = _tried(self.blank_now)
+        not_zero = _tried(self._zero_dac)
+        if not_blanked is None:
+            not_blanked = _tried(self._check_blanked)
         if not_blanked is None:
             self._is_supply_on = self.file.guards.hv_enable == "absent"
         # The state of the lines after a failed call is not known.
@@ -386,12 +389,20 @@ class Board:
         if self.switch.can_choose_returns:
             # Until its relays open, charged skin stays on the node and looks like current.
             verify = (deselect, self._check_node)
-        tried = (not_blanked, *(_tried(step) for step in (self._zero_dac, *verify)))
+        tried = (not_blanked, not_zero, *(_tried(step) for step in verify))
         self._rest_until_ns = self._clock.now_ns() + self._rest_ns
         problems = tuple(problem for problem in tried if problem)
         if not problems:
             self.cut.ended = cuts
         return problems
+
+    def _check_blanked(self) -> None:
+        """By the pins: a call that succeeds proves nothing of what drives a line from outside."""
+        for line, level in self.safe_changes:
+            found = self._bare_gpio.get(line)
+            if found != level:
+                (name, *_) = [at for at, one in self.file.used_lines().items() if one == line]
+                raise BoardFault(f"{name} (GPIO {line}) when read back", f"{found}", f"{level}")
 
     def _zero_dac(self) -> None:
         self._bare_spi.transfer(self._zero)

@@ -41,8 +41,8 @@ class Outcome(msgspec.Struct, frozen=True):
     beyond_shared_pc: float
     #: Of what was asked for in one visit of an electrode: a phase, or both.
     pulse_pc: int
-    #: At the end, by the line that enables it, where there is one.
-    is_supply_on: bool = False
+    #: At the end, by the line that enables it, where there is one: though nothing wants it on.
+    leaves_supply_on: bool = False
     why: str = ""
     #: Of the code that played it, as git describes it.
     version: str = ""
@@ -62,7 +62,7 @@ def outcome(
     now_ns: int,
     without: Course,
     pulse_pc: int,
-    is_supply_on: bool,
+    leaves_supply_on: bool,
 ) -> Outcome:
     """At the end of a case, whose fault came at `begun_ns` and was marked on the `body`."""
     now = body.account(now_ns)
@@ -90,7 +90,7 @@ def outcome(
             now.longest_shared_pc - longest.longest_shared_pc,
         ),
         pulse_pc,
-        is_supply_on,
+        leaves_supply_on,
         said.why,
     )
 

@@ -57,6 +57,9 @@ class EngineScript:
         self.subject = Subject(fake, clock, body)
         #: Why it did not begin.
         self._refused = ""
+        self._is_killed = False
+        #: A supply that was on for nothing, before it was wanted again.
+        self._was_left_on = False
 
     @property
     def pulse_pc(self) -> int:
@@ -87,6 +90,16 @@ class EngineScript:
             raise Over from None
         link_in_memory(rig)
         subject.rig = rig
+
+    @property
+    def leaves_supply_on(self) -> bool:
+        rig = self.subject.rig
+        is_wanted = not self._is_killed and rig is not None and rig.engine.supervisor.is_powered
+        return self._was_left_on or (self.subject.fake.world.is_supply_enabled and not is_wanted)
+
+    def note_supply(self) -> None:
+        """What is left on by now, whatever comes later."""
+        self._was_left_on = self.leaves_supply_on
 
     def step(self) -> None:
         """Raises: Over, once it has halted by a fault."""
@@ -154,6 +167,7 @@ class EngineScript:
 
     def after_kill(self) -> None:
         """The keeper cuts, and the lines stay."""
+        self._is_killed = True
         if self.subject.rig is not None:
             self.rig.stopper.end()
         self.subject.clock.spend(100 * MS)

@@ -145,7 +145,7 @@ def play(
                 *(whole.board, whole.scene, kind, number, port),
                 *(said, subject.body, begun_ns, subject.clock.now_ns(), whole.course),
                 played.pulse_pc,
-                is_supply_on=_can_be_off(whole.board) and subject.fake.world.is_supply_enabled,
+                leaves_supply_on=_can_be_off(whole.board) and played.leaves_supply_on,
             )
             _append(results, msgspec.structs.replace(found, version=version, played=played_at))
             os._exit(0)

@@ -28,8 +28,6 @@ GUARDED, RELAYS = "reference-hv507", "feetthrough-relay"
 #: without its report. The bench has bounds of its own (`uc`).
 MOST_UC: Final = 2.5
 _ASKED_OF: Final = (GUARDED,)
-#: Ends after which nothing may be left on.
-_HALTED: Final = ("halted", "ended")
 
 
 class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -114,7 +112,7 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
     if is_silent(one) and told_by and beyond_uc > row.silent_most_uc(where) * times:
         return f"{beyond_uc:.3f} uC in silence, and it should be told by {told_by[0]}"
     bounding = _bounding(one, rows)
-    if one.is_supply_on and one.seen in _HALTED and not any(it.leaves_supply_on for it in bounding):
+    if one.leaves_supply_on and not any(it.leaves_supply_on for it in bounding):
         return "the supply was left on"
     late = _too_late(row, one.flowed_for_ms) if is_told(one) else ""
     return late or _too_much(bounding, where, times, beyond_uc)

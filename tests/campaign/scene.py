@@ -34,6 +34,10 @@ class Scene(Protocol):
     def pulse_pc(self) -> int:
         """Of what it asks for in one visit of an electrode: a phase, or both."""
 
+    @property
+    def leaves_supply_on(self) -> bool:
+        """Whether it is on, or was found on, and nothing wanted it."""
+
     def prepare(self) -> None:
         """Up to where faults come."""
 

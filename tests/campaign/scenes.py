@@ -245,13 +245,6 @@ class _Stopping(_Engine):
             self.run_ms(100)
         self._again()
 
-    def _again(self) -> None:
-        if self.rig.state == "HALTED":
-            self.ask(ClearHalt)
-            self.open()
-            self.try_wearer_stop()
-        self.arm()
-
     def _begin_scan(self) -> None:
         """Stop at once when its first pulse is fired."""
         opened_to(self.rig, self.current_ua)
@@ -263,6 +256,16 @@ class _Stopping(_Engine):
             if not engine.is_between_scans:
                 return
         raise Over
+
+    def _again(self) -> None:
+        # Nothing wants the supply now, and what failed is tried again within so long.
+        self.run_ms(20)
+        self.note_supply()
+        if self.rig.state == "HALTED":
+            self.ask(ClearHalt)
+            self.open()
+            self.try_wearer_stop()
+        self.arm()
 
 
 Making = Callable[[LoadedConfig, Operations, Course | None], Scene]

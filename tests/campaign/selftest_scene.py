@@ -74,6 +74,10 @@ class SelftestScene:
         self._report: Report | None = None
         self._printed = io.StringIO()
 
+    @property
+    def leaves_supply_on(self) -> bool:
+        return self.subject.fake.world.is_supply_enabled
+
     def prepare(self) -> None:
         pass
 

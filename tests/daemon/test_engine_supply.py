@@ -24,11 +24,12 @@ AGAIN_MS = AGAIN_NS / 1e6
 
 
 class Failing:
-    """Lines whose next calls fail, with nothing done."""
+    """Lines whose next calls fail, or succeed, with nothing done."""
 
     def __init__(self, gpio: Gpio) -> None:
         self._gpio = gpio
         self.fails = 0
+        self.does_nothing = 0
         self.failed_ns: list[int] = []
         self.now_ns: Callable[[], int] = lambda: 0
 
@@ -37,6 +38,9 @@ class Failing:
             self.fails -= 1
             self.failed_ns.append(self.now_ns())
             raise BusError("io", "gpio", "set", "EIO")
+        if self.does_nothing:
+            self.does_nothing -= 1
+            return
         self._gpio.set(changes)
 
     def get(self, line: int) -> int:
@@ -79,6 +83,22 @@ def test_a_supply_that_was_not_switched_off_is_switched_off_at_the_next_attempt(
     assert rig.state == "HALTED"
     (halt,) = halts(rig)
     assert (halt.cause, halt.source) == ("fault", "safe_off")
+    assert not is_on(rig)
+    assert not states(rig)[-1].supply_on
+
+
+@pytest.mark.parametrize("board", ENABLED)
+def test_lines_that_succeed_and_do_not_move_are_no_safe_board(
+    make_rig: MakeRig, board: str
+) -> None:
+    rig, lines = shown(make_rig, board)
+    lines.does_nothing = 1
+    assert rig.ask(DisarmBoard, lease=LEASE).error is None
+    rig.run_ms(AGAIN_MS + 60.0)
+    assert rig.state == "HALTED"
+    (halt,) = halts(rig)
+    assert (halt.cause, halt.source) == ("fault", "safe_off")
+    assert "when read back" in halt.detail
     assert not is_on(rig)
     assert not states(rig)[-1].supply_on
 

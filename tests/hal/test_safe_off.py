@@ -9,7 +9,7 @@ import pytest
 from board_rig import BoardRig, fire_phase
 from etd_body.interface import Side
 from etd_hal.errors import BusError, GuardRefusal
-from etd_hal.fake.faults import LatchIgnored, MisoStuck, SpiError, SpiStall
+from etd_hal.fake.faults import LatchIgnored, MisoStuck, SpiError, SpiStall, StuckLine
 from etd_hal.selection import Selection
 
 Boards = Callable[..., BoardRig]
@@ -226,6 +226,33 @@ class TestEachStepIsTried:
 
 
 class TestVerified:
+    @pytest.mark.parametrize("name", [REFERENCE, KIT, RELAYS])
+    def test_lines_that_did_not_move_are_told_by_name(self, boards: Boards, name: str) -> None:
+        rig = boards(name)
+        half_way(rig)
+        rig.gpio.does_nothing = frozenset({rig.gpio.calls})
+        first, *_ = rig.board.safe_off()
+        line = "HV" if name == RELAYS else "BL"
+        number = rig.file.used_lines()[line]
+        assert first == f"{line} (GPIO {number}) when read back: measured 1, expected 0"
+        assert rig.board.is_supply_on
+        assert rig.board.safe_off() == ()
+        assert rig.board.is_supply_on is (name == KIT)
+
+    def test_an_enable_line_that_is_held_high_is_told_each_time(self, boards: Boards) -> None:
+        rig = boards(REFERENCE)
+        rig.fake.world.put_in(StuckLine("HV", 1))
+        for _ in range(3):
+            first, *_ = rig.board.safe_off()
+            assert first == "HV (GPIO 25) when read back: measured 1, expected 0"
+            assert rig.board.is_supply_on
+
+    def test_a_line_that_cannot_be_read_counts_as_not_moved(self, boards: Boards) -> None:
+        rig = boards(REFERENCE)
+        rig.gpio.reads = False
+        assert "get on the lines failed (io)" in rig.board.safe_off()
+        assert rig.board.is_supply_on
+
     def test_a_dac_that_stays_on_is_told_with_the_volts_of_its_node(self, boards: Boards) -> None:
         """The first zero is not sent, so the second one samples a node under current."""
         rig = boards()

@@ -209,14 +209,14 @@ def told(**changed: Any) -> Outcome:
 def test_what_does_not_hold_is_said() -> None:
     row = Bound(told_by=("a check",), uc={GUARDED: 9.0, "kajimoto-hv507": 9.0})
     halted = told(seen="halted", beyond_alone_pc=2.4e6)
-    assert not_met([told(is_supply_on=True), halted], {"a gain": row}) == []
+    assert not_met([told(), halted], {"a gain": row}) == []
     for broken, why in (
         (told(seen="halted", beyond_alone_pc=2.6e6), "no hardware is named"),
         (told(seen="halted", beyond_shared_pc=9.1e6), "more than the 9 uC"),
         (told(beyond_shared_pc=9_000.0), "in silence, and it should be told by a check"),
         (told(seen="crashed: TypeError()"), "TypeError"),
         (told(fault_class="another"), "no row"),
-        (told(seen="ended", is_supply_on=True), "the supply was left on"),
+        (told(seen="ended", leaves_supply_on=True), "the supply was left on"),
     ):
         (sentence,) = not_met([told(), broken], {"a gain": row})
         assert "operation 7" in sentence
@@ -224,7 +224,7 @@ def test_what_does_not_hold_is_said() -> None:
     without_guards = told(board="kajimoto-hv507", seen="halted", beyond_alone_pc=2.6e6)
     assert not_met([without_guards], {"a gain": row}) == []
     late = Bound(leaves_supply_on="why", within_ms=260.0, uc={GUARDED: 1.0})
-    on_time = told(seen="halted", flowed_for_ms=260.0, is_supply_on=True)
+    on_time = told(seen="halted", flowed_for_ms=260.0, leaves_supply_on=True)
     assert not_met([on_time], {"a gain": late}) == []
     (sentence,) = not_met([told(seen="halted", flowed_for_ms=260.1)], {"a gain": late})
     assert "260.1 ms until it is silent, more than the 260 ms of its row" in sentence

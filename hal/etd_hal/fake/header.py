@@ -134,7 +134,9 @@ class Header:
         if name == "READBACK":
             self._lines.put(line, self._switch.data_out)
         level = self._stuck(name, self._lines.read(line))
-        self._trace.gpio(t_ns + self._machine.gpio_first_line_ns, line, level)
+        if not self._lines.is_output(line):
+            # Of an output the trace has every change already.
+            self._trace.gpio(t_ns + self._machine.gpio_first_line_ns, line, level)
         return level, self._timeline.end(t_ns + self._machine.gpio_call_ns)
 
     def take_edges(self, t_ns: int) -> tuple[tuple[Edge, ...], int]:

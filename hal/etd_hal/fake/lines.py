@@ -14,6 +14,7 @@ from etd_hal.errors import BusError
 from etd_hal.ports import Changes, Edge, LineSetup
 
 _DEVICE = "the fake's GPIO chip"
+#: As is asked of the kernel.
 _MOST_EDGES_KEPT = 1_024
 
 
@@ -50,6 +51,9 @@ class Lines:
     def outputs(self) -> tuple[int, ...]:
         """In ascending order."""
         return tuple(sorted(self._outputs))
+
+    def is_output(self, line: int) -> bool:
+        return line in self._outputs
 
     def release(self) -> None:
         self._ascending.clear()
