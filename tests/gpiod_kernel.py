@@ -45,8 +45,12 @@ class Kernel:
 
     busy: set[int] = field(default_factory=set)
     granted: list[HeldRequest] = field(default_factory=list)
+    event_buffer_size: int | None = None
 
-    def request_lines(self, path: str, consumer: str, config: dict[int, Any]) -> HeldRequest:
+    def request_lines(
+        self, path: str, consumer: str, config: dict[int, Any], event_buffer_size: int | None = None
+    ) -> HeldRequest:
+        self.event_buffer_size = event_buffer_size
         if self.busy & set(config):
             raise OSError(errno.EBUSY, "as told")
         levels = {line: int(entry.output_value.value) for line, entry in config.items()}

@@ -81,6 +81,20 @@ def test_a_stop_line_whose_edge_was_lost_is_seen_by_its_level(make_rig: MakeRig)
     assert (halt.cause, halt.detail) == ("emergency_stop", "the stop line is open")
 
 
+def test_a_stop_line_whose_edge_was_lost_is_seen_without_a_frame(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig("reference-hv507"), 500)
+    while rig.engine.components.active.schedule is not None:
+        rig.run_ms(20)
+    assert rig.state == "ARMED"
+    rig.fake.world.press("emergency_stop")
+    rig.engine.components.board.stop_edges()
+    pressed_ns = rig.clock.now_ns()
+    while rig.state == "ARMED":
+        rig.step()
+        assert rig.clock.now_ns() - pressed_ns < 10_000_000, "a check of the source in between"
+    assert rig.state == "HALTED"
+
+
 def test_a_frame_that_expires_while_relays_move_is_not_fired(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(loaded=config("feetthrough-relay", N)), 500)
     rig.run_ms(250)

@@ -107,6 +107,16 @@ def test_edges_come_oldest_first_with_the_kernels_time_and_only_once() -> None:
     assert driver.edges() == ()
 
 
+def test_a_line_that_never_rests_does_not_hold_the_caller() -> None:
+    """It has edges faster than they are read."""
+    chip = Chip()
+    chip.inputs.waiting.extend([(RISING, 1_000, 17)] * 5_000)
+    driver = chip.driver()
+    assert len(driver.edges()) == 1_024
+    assert len(driver.edges()) == 1_024
+    assert len(chip.inputs.waiting) == 5_000 - 2 * 1_024
+
+
 def test_without_inputs_there_are_no_edges() -> None:
     chip = Chip()
     assert linux_gpio.LinuxGpio("gpiochip0", chip.outputs, None, chip.ioctl).edges() == ()

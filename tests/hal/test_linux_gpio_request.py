@@ -87,6 +87,12 @@ def test_outputs_are_one_request_in_the_order_given_and_inputs_another(kernel: K
     driver.close()
 
 
+def test_the_kernel_is_asked_for_the_longest_queue_of_edges(kernel: Kernel) -> None:
+    """By itself it keeps 16 a line, of all inputs together."""
+    linux_gpio.open_gpio(Path("gpiochip0"), SETUP).close()
+    assert kernel.event_buffer_size == 1_024
+
+
 def test_when_the_inputs_are_busy_the_outputs_are_given_back(kernel: Kernel) -> None:
     kernel.busy = {17}
     with pytest.raises(BusError) as caught:

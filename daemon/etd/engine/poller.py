@@ -33,6 +33,8 @@ _MEANWHILE_NS = 1_000_000
 _PLANS_REST = 9
 #: Edges of the wearer's button that follow within this time are the same press.
 _BOUNCE_NS = 200_000_000
+#: While the supply may be on, the stop lines are read this often, for an edge that was lost.
+_LEVELS_NS = 2_000_000
 #: Edges come this often within the monostable's window.
 _BEATS_PER_WINDOW = 4
 
@@ -57,6 +59,7 @@ class Poller:
         self._heartbeat = components.loaded.board.guards.heartbeat
         self._has_button = components.loaded.board.too_strong != "absent"
         self._pressed_ns = -_BOUNCE_NS
+        self._levels_ns = 0
         self._supervisor = supervisor
         self._feed_watchdog = feed_watchdog
         self._beaten_ns = 0
@@ -88,6 +91,9 @@ class Poller:
         stops = self._board.stop_edges(is_waiting)
         if stops:
             self._watch_stops(stops, host_ns)
+        if self._supervisor.is_powered and now_ns - self._levels_ns >= _LEVELS_NS:
+            self._levels_ns = now_ns
+            self._watch_stop_levels()
         if self._has_button:
             self._heed_presses(self._board.take_presses())
         if is_waiting:
@@ -162,8 +168,8 @@ class Poller:
                 self._pressed_ns = edge_ns
                 commands.hear_button(self._supervisor)
 
-    def poll_stop_levels(self) -> None:
-        """Called once a scan, for an edge that may have been lost."""
+    def _watch_stop_levels(self) -> None:
+        """For an edge that may have been lost: a trigger shares the kernel's queue of them."""
         for name, is_open in self._board.stops().items():
             if is_open:
                 self._supervisor.halt(name, name, "the stop line is open")

@@ -164,7 +164,6 @@ class Sequencer:
     def _begin_next(self) -> None:
         if self._firing.has_drifted and not self._follow_clocks():
             return
-        self._poller.poll_stop_levels()
         if self._active.schedule is not None:
             self._begin_scan(self._active.schedule)
 

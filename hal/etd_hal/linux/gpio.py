@@ -30,6 +30,10 @@ DEVICES = Path("/dev")
 #: What gpiod takes: by line number (it would take names and groups of lines as well).
 Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
 
+#: Events that the kernel keeps for the inputs: the most that it gives. A stop's edge shares the
+#: queue with a trigger; by itself it would hold 16 a line, and drop the oldest.
+_EDGES_KEPT = 1_024
+
 #: So many different sets of changes are kept ready; beyond, the oldest goes.
 _KEPT = 1024
 
@@ -116,7 +120,8 @@ class LinuxGpio:
             return ()
         found: list[Edge] = []
         try:
-            while self._inputs.wait_edge_events(timeout=0):
+            # As many as the queue holds: a line that never rests must not hold the caller.
+            while len(found) < _EDGES_KEPT and self._inputs.wait_edge_events(timeout=0):
                 found.extend(map(_edge, self._inputs.read_edge_events()))
         except OSError as error:
             raise BusError.of(error, self._chip, "reading edges") from error
@@ -242,7 +247,9 @@ def levels_as_they_are(chip: Path, setup: LineSetup) -> dict[int, int]:
 
 
 def _request(chip: Path, consumer: str, settings: Settings) -> gpiod.LineRequest:
-    return gpiod.request_lines(str(chip), consumer=consumer, config=settings)
+    return gpiod.request_lines(
+        str(chip), consumer=consumer, config=settings, event_buffer_size=_EDGES_KEPT
+    )
 
 
 def output_settings(setup: LineSetup) -> Settings:
