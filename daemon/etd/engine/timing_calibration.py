@@ -77,6 +77,7 @@ class Retiming:
         if self._board.recognize_timing(self._meanwhile):
             if self._board.timing is not before:
                 self._counters["clock_steps"] += 1
+            self._failed = 0
             return True
         try:
             self._board.calibrate(self._meanwhile)
@@ -84,6 +85,8 @@ class Retiming:
             self._failed += 1
             self._counters["calibration_attempts_failed"] += 1
             if self._failed == ATTEMPTS:
+                # Who clears the halt has as many again.
+                self._failed = 0
                 raise
             self.not_before_ns = now_ns + _PAUSE_NS
             return False
