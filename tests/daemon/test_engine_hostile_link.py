@@ -30,6 +30,7 @@ from etd.protocol.link import (
     MeasureContact,
     NewFrame,
     OpenLease,
+    SayFelt,
     SetMark,
     StopNow,
     ToGateway,
@@ -297,6 +298,13 @@ def commands(rig: EngineRig) -> st.SearchStrategy[Command]:
         st.builds(StopNow, ref=numbers, client=strings),
         st.builds(ClearHalt),
         st.builds(ArmBoard, ref=numbers),
+        st.builds(
+            SayFelt,
+            ref=numbers,
+            answer=st.sampled_from(["too_weak", "good", "too_strong", "no answer"]),
+            electrodes=st.one_of(st.none(), st.lists(numbers, max_size=4).map(tuple)),
+            lease=st.one_of(st.none(), strings),
+        ),
         st.builds(SetMark, tag=st.one_of(st.none(), numbers), **leases),
         *(
             st.builds(kind, **leases)

@@ -21,6 +21,7 @@ from etd.protocol.link import (
     KeepLease,
     Listener,
     NewFrame,
+    SayFelt,
     StopNow,
     ToEngine,
     ToGateway,
@@ -156,6 +157,17 @@ def test_bytes_that_are_no_message_of_the_other_end_are_an_error(
 ) -> None:
     engine, _ = pair
     ends[1].send(nonsense)
+    with pytest.raises(Undecodable):
+        engine.receive()
+
+
+@pytest.mark.parametrize("electrodes", [(-1,), (256,), (), (0,) * 257])
+def test_electrodes_that_no_array_has_are_an_error(
+    pair: Pair, ends: Ends, electrodes: tuple[int, ...]
+) -> None:
+    engine, _ = pair
+    said = SayFelt(ref=1, answer="too_strong", electrodes=electrodes)
+    ends[1].send(msgspec.msgpack.encode(said))
     with pytest.raises(Undecodable):
         engine.receive()
 

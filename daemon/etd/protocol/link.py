@@ -25,7 +25,7 @@ from msgspec import Meta
 from etd.protocol.carried import CarriedOver
 from etd.protocol.errors import AlreadyRunning, ErrorCode, Refused, TimePart, Undecodable
 from etd.protocol.facts import ArrayFacts, BoardFacts, MaximaFacts
-from etd.protocol.felt import FeltDone
+from etd.protocol.felt import FeltDone, Named
 from etd.protocol.frame import ClientName, Frame, MarkTag, Polarity
 from etd.protocol.messages import (
     Contact,
@@ -117,7 +117,7 @@ class SayFelt(Command, frozen=True, kw_only=True):
     """What the person says of the strength. `lease` None: of somebody who can only lower."""
 
     answer: FeltAnswer
-    electrodes: tuple[int, ...] | None = None
+    electrodes: Named | None = None
     lease: Token | None = None
 
 
