@@ -171,6 +171,25 @@ def test_a_stop_that_ended_something_was_pressed_for_that() -> None:
     assert one.why_untried(UNKNOWN_TOO, 20 * S) is not None
 
 
+def test_a_test_of_the_stop_under_a_lease_is_that_leases() -> None:
+    for other in (SECOND, UNKNOWN, UNKNOWN_TOO):
+        one = sessions()
+        one.opened(FIRST, 0)
+        try_stop(one, S)
+        one.closed()
+        assert one.why_untried(FIRST, 5 * S) is None, "the same person once more"
+        assert one.why_untried(other, 6 * S) is not None
+        assert one.why_untried(FIRST, 7 * S) is not None, "it is gone"
+
+
+def test_a_test_of_the_stop_between_two_leases_is_the_next_ones() -> None:
+    one = sessions()
+    one.opened(UNKNOWN, 0)
+    one.closed()
+    try_stop(one, S)
+    assert one.why_untried(UNKNOWN_TOO, 5 * S) is None
+
+
 def test_a_release_counts_once() -> None:
     """A contact that bounces, or a lead that is plugged in again, is no second try."""
     one = used(FIRST, 10 * S, 20 * S)

@@ -146,9 +146,8 @@ class Supervisor:
 
     def _untried_stop(self) -> str | None:
         """Why the wearer's stop is to be tried before the standing lease is armed."""
-        if self.lease is None:
-            return None
-        return self.sessions.why_untried(self._subject(self.lease), self.host_clock.now_ns())
+        lease, now_ns = self.lease, self.host_clock.now_ns()
+        return None if lease is None else self.sessions.why_untried(self._subject(lease), now_ns)
 
     def _set_calibration(self, person: PersonLimits) -> None:
         calibration = person.calibration
@@ -349,6 +348,7 @@ class Supervisor:
         """
         self.make_safe(why)
         lease, self.lease = self.lease, None
+        self.sessions.closed()
         self.planner_of_lease()
         if lease is not None:
             self.reporter.counters[f"leases_ended_{counted or why.split()[-1]}"] += 1

@@ -73,6 +73,9 @@ class Sessions:
         self._why_none = "there was none since the engine started"
         self._is_pressed = False
         self._tried_ns: int | None = None
+        #: Whose lease stands, and whose stood when the stop was tested; None: no lease.
+        self._subject: Subject | None = None
+        self._tried_by: Subject | None = None
 
     def standing(self, now_ns: int) -> Session | None:
         session = self._session
@@ -97,7 +100,12 @@ class Sessions:
     # --- leases and states -------------------------------------------------------------------
 
     def opened(self, subject: Subject, now_ns: int) -> None:
-        """A lease for `subject`: ends the session of another subject."""
+        """A lease for `subject`: ends the session of another subject, and drops a test of the stop
+        that was made under another subject's lease.
+        """
+        self._subject = subject
+        if self._tried_by not in (None, subject):
+            self._tried_ns = self._tried_by = None
         session = self.standing(now_ns)
         if session is None or session.subject == subject:
             return
@@ -108,6 +116,10 @@ class Sessions:
         else:
             self._end(f"this lease is for another person or calibration than {session}")
 
+    def closed(self) -> None:
+        """No lease stands any more."""
+        self._subject = None
+
     def went_live(self, subject: Subject, now_ns: int) -> bool:
         """Current may flow to `subject` from now on: True if that begins a session. This uses up a
         test of the stop.
@@ -117,7 +129,7 @@ class Sessions:
         if self._session is None:
             self._session = Session(subject, now_ns)
         self._session.used_ns = None
-        self._tried_ns = None
+        self._tried_ns = self._tried_by = None
         return is_new
 
     def went_safe(self, now_ns: int) -> None:
@@ -134,7 +146,7 @@ class Sessions:
         if is_open:
             self._is_pressed = not is_live
         elif self._is_pressed:
-            self._is_pressed, self._tried_ns = False, now_ns
+            self._is_pressed, self._tried_ns, self._tried_by = False, now_ns, self._subject
 
     def why_untried(self, subject: Subject, now_ns: int) -> str | None:
         """Why the wearer's stop must be tested before the board goes live for `subject`, with what
