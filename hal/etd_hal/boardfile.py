@@ -424,6 +424,14 @@ def _check_guards(board: BoardFile, file: str) -> None:
         raise FileError(
             file, "i2c", "it is absent", "the rail's chips are on I2C: name the bus device"
         )
+    if board.rail_setpoint != "absent" and guards.rail_monitor == "absent":
+        raise FileError(
+            file,
+            "rail_setpoint",
+            "there is no guards.rail_monitor",
+            "a set-point that was not written would go unseen: declare the monitor, or set the rail"
+            " by hand",
+        )
     if guards.rail_monitor != "absent":
         rail = guards.rail_monitor
         if not rail.off_v < rail.low_v < rail.high_v:

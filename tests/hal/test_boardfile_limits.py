@@ -135,6 +135,10 @@ class TestGuards:
             text = re.sub(r"(?m)^rail_monitor = .*$", 'rail_monitor = "absent"', text)
         refused(load_board, tmp_path, text, "i2c", "name the bus device")
 
+    def test_a_set_point_that_nothing_looks_at_is_refused(self, tmp_path: Path) -> None:
+        text = re.sub(r"(?m)^rail_monitor = .*$", 'rail_monitor = "absent"', REFERENCE)
+        refused(load_board, tmp_path, text, "rail_setpoint", "there is no guards.rail_monitor")
+
     @pytest.mark.parametrize("device", ["/dev/../etc/passwd", "/dev/i2c-1/", "i2c-1", "absnet"])
     def test_an_i2c_bus_is_one_of_i2c_dev(self, tmp_path: Path, device: str) -> None:
         text = spoiled(REFERENCE, 'i2c = "/dev/i2c-1"', f"i2c = '{device}'")
@@ -160,6 +164,7 @@ class TestGuards:
         text = re.sub(r"(?m)^hv_enable = .*$", 'hv_enable = "absent"', REFERENCE)
         if not has_monitor:
             text = re.sub(r"(?m)^rail_monitor = .*$", 'rail_monitor = "absent"', text)
+            text = text.partition("[rail_setpoint]")[0]
         refused(load_board, tmp_path, text, "guards.heartbeat", "there is no hv_enable")
 
     def test_a_monitor_without_an_enable_line_is_allowed(self, tmp_path: Path) -> None:
