@@ -22,7 +22,7 @@ STRANGER = 65_533
 
 
 @contextmanager
-def as_stranger(rig: GatewayRig) -> Iterator[Callable[[str], dict[str, Any]]]:
+def as_stranger(rig: GatewayRig) -> Iterator[Callable[..., dict[str, Any]]]:
     """A request from a connection that another user has made, and its reply."""
     path = rig.folder / "control.sock"
     for place, mode in ((rig.folder.parent, 0o755), (rig.folder, 0o755), (path, 0o666)):
@@ -33,8 +33,8 @@ def as_stranger(rig: GatewayRig) -> Iterator[Callable[[str], dict[str, Any]]]:
     finally:
         os.seteuid(0)
 
-    def call(op: str) -> dict[str, Any]:
-        theirs.send(part(json.dumps({"op": op}).encode()))
+    def call(op: str, **fields: str) -> dict[str, Any]:
+        theirs.send(part(json.dumps({"op": op, **fields}).encode()))
         got = b""
 
         def is_whole() -> bool:
@@ -54,10 +54,11 @@ def as_stranger(rig: GatewayRig) -> Iterator[Callable[[str], dict[str, Any]]]:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user")
-def test_only_operators_arm_and_clear() -> None:
+def test_only_operators_arm_clear_and_measure() -> None:
     with GatewayRig(operators=(str(STRANGER + 1),)) as rig, as_stranger(rig) as theirs:
-        for op in ("arm", "clear"):
-            reply = theirs(op)
+        for op in ("arm", "clear", "measure"):
+            # Of `measure`, whatever its lease is.
+            reply = theirs(op, lease="of nobody") if op == "measure" else theirs(op)
             assert reply["error"] == "not_permitted"
             assert str(STRANGER) in reply["reason"]
         assert rig.engine.heard == []

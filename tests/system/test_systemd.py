@@ -160,7 +160,7 @@ def test_the_rules_give_each_bus_to_its_group_and_to_nobody_else() -> None:
     rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
     given = [re.findall(r'(\w+)(?:=|==|:=)"([^"]*)"', rule) for rule in rules if rule[0] != "#"]
     found = {
-        (rule["SUBSYSTEM"], rule.get("KERNEL")): (rule["GROUP"], rule["MODE"])
+        (rule.get("SUBSYSTEM"), rule.get("KERNEL")): (rule["GROUP"], rule["MODE"])
         for rule in map(dict, given)
     }
     assert found == {
@@ -168,7 +168,17 @@ def test_the_rules_give_each_bus_to_its_group_and_to_nobody_else() -> None:
         ("spidev", None): ("spi", "0660"),
         ("spidev", "spidev0.0"): ("etd-spi", "0660"),
         ("i2c-dev", None): ("i2c", "0660"),
+        ("*gpiomem*", None): ("root", "0600"),
+        (None, "pio[0-9]*"): ("root", "0600"),
     }
+
+
+def test_the_registers_of_the_lines_are_nobodys_and_stay_so() -> None:
+    """Through them a program of group gpio would move the engine's lines."""
+    rules = (SYSTEMD / "90-etd.rules").read_text().splitlines()
+    for device in ("gpiomem", "pio[0-9]"):
+        (own,) = (rule for rule in rules if device in rule and not rule.startswith("#"))
+        assert 'GROUP:="root", MODE:="0600"' in own
 
 
 def test_the_boards_spi_device_is_the_engines_alone_and_stays_so() -> None:

@@ -268,6 +268,9 @@ class Display(Connection["zmq.Socket[bytes]"]):
         """Contact of all electrodes, with probe pulses; from SAFE back to SAFE. Where limits leave
         no room for a probe, as soon after strong pulses, contact is None (unknown): `withheld` has
         the electrode, the limit, and in how many ms there is room (None: not until it changes).
+
+        It puts the supply on, so it needs the right to operate, as `arm` does (Refused,
+        `not_permitted`).
         """
         return self._run(self._session.measure(timeout_s))
 

@@ -194,6 +194,8 @@ class ControlHandler:
         return self._sent(ClearHalt(ref=self._pending.next_ref()))
 
     def _measure(self, request: Measure, inbound: InboundMessage) -> _Sent:
+        # It puts the supply on, and fires at every electrode.
+        self._operators.check(inbound.uid)
         lease = self._held(request.lease, inbound)
         command = MeasureContact(ref=self._pending.next_ref(), lease=lease)
         return self._sent(command, replies.measured)
