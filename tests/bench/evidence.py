@@ -22,6 +22,7 @@ from typing import Any
 
 from rich.console import Console
 
+from bench.evidence_age import ages
 from etd.client import clock
 from etd.version import __version__
 
@@ -156,6 +157,9 @@ def page(sections: Mapping[str, str]) -> str:
         "What `make evidence` measured: each section when and on what it says. It is written by",
         "that command, and by nothing else; `ARGS='--only kills'` measures one of them anew.",
     ]
+    there = [sections[one.name] for one in MEASUREMENTS if one.name in sections]
+    if table := ages(there, _CLONE):
+        lines += ["", *table]
     for measurement in MEASUREMENTS:
         not_yet = f"## {measurement.title}\n\n{_NOT_YET.format(name=measurement.name)}"
         lines += ["", sections.get(measurement.name, not_yet)]
@@ -298,11 +302,21 @@ def main(arguments: Iterable[str] | None = None) -> int:
         action="store_true",
         help="measure nothing: what keeps its figures shows them, the others keep their sections",
     )
+    parser.add_argument(
+        "--age",
+        action="store_true",
+        help="measure nothing: how much of the product has changed since each was measured",
+    )
     parser.add_argument("--page", type=Path, default=PAGE, help="where to write (docs/evidence.md)")
     args = parser.parse_args(None if arguments is None else list(arguments))
     if args.page == PAGE and (files := changed()):
         parser.error(f"commit first, so that what is measured can be checked out: {files[0]}")
     console, statuses = Console(stderr=True), list[int]()
+    if args.age:
+        sections = kept(args.page.read_text(encoding="utf-8"))
+        args.page.write_text(page(sections), encoding="utf-8")
+        console.print(f"written: {args.page}")
+        return 0
     for measurement in MEASUREMENTS:
         if args.only and measurement.name not in args.only:
             continue

@@ -19,6 +19,7 @@ from bench.evidence import (
     rendered,
     section,
 )
+from bench.evidence_age import ages
 
 ANY = MEASUREMENTS[1]
 FIRST, SECOND, *REST = [one.name for one in MEASUREMENTS]
@@ -94,25 +95,48 @@ def test_what_is_not_measured_anew_keeps_its_section(figures: object) -> None:
     assert page(kept(again)) == again
 
 
+def git(clone: Path, *asked: str) -> str:
+    who = ("-c", "user.name=n", "-c", "user.email=n@example.org")
+    said = subprocess.run(["git", *who, *asked], cwd=clone, check=True, capture_output=True)
+    return said.stdout.decode().strip()
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="there is no git on this machine")
+def test_how_much_of_the_product_has_changed_since_each_was_measured(tmp_path: Path) -> None:
+    for file in ("daemon/a.py", "hal/b.py", "tests/c.py"):
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).write_text("1")
+    git(tmp_path, "init")
+    git(tmp_path, "add", "-A")
+    git(tmp_path, "commit", "-m", "first")
+    version = git(tmp_path, "describe", "--always")
+    section = f"## Kills\n\n- version: 0.1.0, {version}\n- machine: 2 cores"
+    played = f"## Faults\n\n| version | day |\n|---|---|\n| {version} | a day |\n| 0123abc | no |"
+    assert ages(["## Without\n\n- version: 0.1.0, not from a clone"], tmp_path) == []
+    for changed_files, count in (((), 0), (("tests/c.py", "hal/b.py"), 1), (("daemon/a.py",), 2)):
+        for file in changed_files:
+            (tmp_path / file).write_text("2")
+        *_, kills, faults, unknown = ages([section, played], tmp_path)
+        assert kills == f"| Kills | {version} | {count} |"
+        assert faults == f"| Faults | {version} | {count} |"
+        assert unknown == "| Faults | 0123abc | not known: this clone does not have it |"
+
+
 @pytest.mark.skipif(shutil.which("git") is None, reason="there is no git on this machine")
 def test_what_is_not_committed_is_named_but_for_what_the_measurements_write(
     tmp_path: Path,
 ) -> None:
-    def git(*asked: str) -> None:
-        who = ("-c", "user.name=n", "-c", "user.email=n@example.org")
-        subprocess.run(["git", *who, *asked], cwd=tmp_path, check=True, capture_output=True)
-
     (tmp_path / "docs").mkdir()
     for file in ("a.py", "docs/evidence.md"):
         (tmp_path / file).write_text("1")
-    git("init")
-    git("add", "-A")
-    git("commit", "-m", "first")
+    git(tmp_path, "init")
+    git(tmp_path, "add", "-A")
+    git(tmp_path, "commit", "-m", "first")
     assert changed(tmp_path) == []
     (tmp_path / "docs" / "evidence.md").write_text("2")
     (tmp_path / "untracked").write_text("2")
     assert changed(tmp_path) == []
     (tmp_path / "a.py").write_text("2")
     assert changed(tmp_path) == ["a.py"]
-    git("add", "a.py")
+    git(tmp_path, "add", "a.py")
     assert changed(tmp_path) == ["a.py"]
