@@ -22,11 +22,14 @@ from typing import Any
 
 from rich.console import Console
 
-from bench.evidence_age import ages
 from etd.client import clock
 from etd.version import __version__
 
 _CLONE = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(_CLONE / "tests")]
+
+from bench.evidence_age import ages  # noqa: E402
+
 PAGE = _CLONE / "docs" / "evidence.md"
 #: By the measurements, while others still run.
 _WRITTEN = frozenset(
