@@ -419,18 +419,12 @@ def _check_current_path(board: BoardFile, file: str) -> None:
 
 def _check_guards(board: BoardFile, file: str) -> None:
     guards = board.guards
-    needs_i2c = guards.rail_monitor != "absent" or board.rail_setpoint != "absent"
-    if needs_i2c and board.i2c == "absent":
+    if board.rail_setpoint != "absent" and guards.rail_monitor == "absent":
+        hint = "declare the monitor: that a set-point was not written would go unseen"
+        raise FileError(file, "rail_setpoint", "there is no guards.rail_monitor", hint)
+    if guards.rail_monitor != "absent" and board.i2c == "absent":
         raise FileError(
             file, "i2c", "it is absent", "the rail's chips are on I2C: name the bus device"
-        )
-    if board.rail_setpoint != "absent" and guards.rail_monitor == "absent":
-        raise FileError(
-            file,
-            "rail_setpoint",
-            "there is no guards.rail_monitor",
-            "a set-point that was not written would go unseen: declare the monitor, or set the rail"
-            " by hand",
         )
     if guards.rail_monitor != "absent":
         rail = guards.rail_monitor

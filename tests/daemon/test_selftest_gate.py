@@ -67,6 +67,8 @@ def test_a_report_that_comes_later_counts_without_a_restart(tmp_path: Path) -> N
     assert rig.reports[-1].state.arming_refused is None
     save(failed, path)
     rig.open()
+    # Another lease, perhaps for another person.
+    rig.try_wearer_stop()
     assert rig.ask(ArmBoard).error == "arm_failed"
     save(passed, path)
     assert rig.ask(ArmBoard).error is None
