@@ -160,6 +160,58 @@ def test_pulses_that_come_before_the_answer_to_stop_are_in_the_record(rig: Gatew
     assert lost["pulses"] == 7
 
 
+class Stops:
+    """Requests to stop a record, and the engine's answers to them, held back."""
+
+    def __init__(self, rig: GatewayRig) -> None:
+        self.rig = rig
+        self.refs: list[int] = []
+        self.socket = rig.socket(zmq.DEALER, "control.sock")
+        rig.engine.answer = self._answer
+
+    def _answer(self, message: Command | NewFrame) -> Answer | None:
+        if isinstance(message, RecordPulses) and not message.is_on and message.ref:
+            self.refs.append(message.ref)
+            return None
+        return full_answer(message)
+
+    def send(self, **request: str) -> None:
+        self.socket.send(json.dumps(request).encode())
+
+    def begin(self, name: str, count: int) -> None:
+        """The record, and so many requests to stop it."""
+        del self.refs[:]
+        assert record(self.rig, "start", name)["ok"]
+        self.rig.until(lambda: self.told == [True])
+        for _ in range(count):
+            self.send(op="record", do="stop")
+        self.rig.until(lambda: len(self.refs) == count)
+
+    @property
+    def told(self) -> list[bool]:
+        """The last that the engine was told of pulses."""
+        told = [one.is_on for one in self.rig.engine.heard if isinstance(one, RecordPulses)]
+        return told[-1:]
+
+    @property
+    def running(self) -> str | None:
+        name: str | None = self.rig.call(op="status")["status"]["record"]
+        return name
+
+
+def test_a_stop_that_still_waits_ends_no_record_that_was_begun_since(rig: GatewayRig) -> None:
+    """Perhaps another user's."""
+    stops = Stops(rig)
+    stops.begin("p01", 2)
+    rig.engine.say(Answer(ref=stops.refs[0]))
+    rig.until(lambda: bool(stops.socket.poll(0)))
+    assert record(rig, "start", "p02")["ok"]
+    rig.engine.say(Answer(ref=stops.refs[1]))
+    stops.socket.recv_multipart()
+    rig.until(lambda: bool(stops.socket.poll(0)))
+    assert stops.running == "p02"
+
+
 def test_the_engine_is_asked_again_after_it_was_replaced(rig: GatewayRig) -> None:
     record(rig, "start", "p01")
     rig.until(lambda: rig.engine.heard.count(RecordPulses(is_on=True)) == 1)

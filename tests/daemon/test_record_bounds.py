@@ -14,6 +14,8 @@ from typing import Any, cast
 
 import pytest
 
+from engine_parts import calibration
+from etd.files.calibration_folder import CalibrationFolder
 from etd.gateway.allowance import BYTES_A_SECOND, MOST_BYTES
 from etd.gateway.config import Operators
 from etd.gateway.engine_link import EngineLink
@@ -27,11 +29,9 @@ from etd.gateway.recorder import Recorder
 from etd.gateway.records import RecordHandler
 from etd.protocol.carried import CarriedOver, RampState, SoftStartState
 from etd.protocol.errors import Refused
-from etd.protocol.link import (
-    RecordBegins,
-    RecordPulses,
-)
-from etd.protocol.messages import Note, Record
+from etd.protocol.felt import FeltFacts
+from etd.protocol.link import RecordBegins, RecordPulses, Report
+from etd.protocol.messages import Note, Record, StateReport
 from gateway_rig import GatewayRig, HandClock
 from record_requests import ended, record, written_bytes
 
@@ -242,6 +242,68 @@ def test_requests_of_others_fill_no_disk_and_the_holders_are_all_there(rig: Gate
     (lost,) = (line for line in lines if line["kind"] == "lost")
     assert lost["requests"] > 0
     assert "lines" not in lost
+
+
+def test_replies_to_others_are_theirs_too(rig: GatewayRig) -> None:
+    """One to `calibration get` is hundreds of times as long as the request."""
+    made = calibration(256)
+    CalibrationFolder(rig.state_dir / "calibrations", None).put("whole", made)
+    record(rig, "start", "p01")
+    for _ in range(60):
+        assert rig.call(op="calibration", do="get", name="whole")["calibration"] is not None
+    lines = ended(rig, "p01")
+    assert 0.9 * MOST_BYTES < len(written_bytes(rig, "p01")) < 1.1 * MOST_BYTES
+    (lost,) = (line for line in lines if line["kind"] == "lost")
+    assert lost["requests"] > 0
+    assert "lines" not in lost
+
+
+def state_of(answers: int, **changes: Any) -> Report:
+    facts = FeltFacts(
+        answers=answers,
+        said_ns=answers,
+        answer="too_strong",
+        electrodes=None,
+        lowers_only=True,
+        factors=(0.5,) * 256,
+    )
+    state = StateReport(state="ARMED", now_ns=answers, engine="there", felt=facts, **changes)
+    return Report(state=state)
+
+
+def test_what_any_user_can_have_the_engine_say_fills_no_disk_either(rig: GatewayRig) -> None:
+    """A state for each answer without the lease. Where more has changed, it is there."""
+    record(rig, "start", "p01")
+    for answers in range(1, 1_500):
+        rig.engine.say(state_of(answers))
+        rig.step()
+    rig.engine.say(state_of(1_500, not_granted=("something else",)))
+    rig.step(3)
+    lines = ended(rig, "p01")
+    assert 0.9 * MOST_BYTES < len(written_bytes(rig, "p01")) < 1.1 * MOST_BYTES
+    states = [line["report"] for line in lines if line["kind"] == "state"]
+    assert states[-1]["not_granted"] == ["something else"]
+    (lost,) = (line for line in lines if line["kind"] == "lost")
+    assert lost["lines"] == 1_500 - len([one for one in states if one.get("felt")])
+
+
+def test_a_record_begun_in_the_turn_in_which_another_ended_has_its_pulses(tmp_path: Path) -> None:
+    """Who asked for the end had the engine turn them off, and no turn was over since."""
+    turns: list[bool] = []
+
+    def turn(is_on: bool) -> bool:
+        turns.append(is_on)
+        return True
+
+    store = RecordStore(tmp_path, None)
+    recorder = Recorder("d", store, LeaseView(), LastFrames(), lambda: (1, 2, 3), turn)
+    recorder.start("p01", STARTER, None, None)
+    recorder.look(1)
+    recorder.stop("stopped", 2)
+    recorder.wait_closed(60.0)
+    recorder.start("p02", STARTER, None, None)
+    recorder.look(3)
+    assert turns == [True, True]
 
 
 def test_a_stranger_pushes_no_frame_out_of_what_a_record_begins_with(rig: GatewayRig) -> None:

@@ -219,7 +219,8 @@ def test_a_lone_too_strong_takes_the_same_whatever_was_said_before(story: list[M
         played.fire(moment)
         played.say(moment)
     played.now_ns += AGAIN_NS + 1
-    before = played.offsets.factors()
+    count = len(played.offsets.factors())
+    before = [played.offsets.factor(electrode, played.now_ns) for electrode in range(count)]
     played.offsets.hear("too_strong", None, played.now_ns)
     for was, now in zip(before, played.offsets.factors(), strict=True):
         assert now == pytest.approx((1.0 - ANSWERED_LOWERED_BY) * was)

@@ -28,6 +28,19 @@ def test_a_rise_comes_with_the_word_and_the_next_one_a_minute_after_it() -> None
     assert found[90:120] == [pytest.approx(RISE_A_MINUTE**2)] * 30
 
 
+@pytest.mark.parametrize(("later_s", "left"), [(60, 1.05), (61, 1.0)])
+def test_too_strong_is_taken_from_what_a_pulse_would_have_by_then(
+    later_s: int, left: float
+) -> None:
+    """After a minute without one that is the frame's own."""
+    offsets = FeltOffsets(1, may_raise=True)
+    offsets.fired(0, 0)
+    offsets.hear("too_weak", None, 0)
+    assert offsets.factors()[0] == pytest.approx(1.05)
+    offsets.hear("too_strong", None, later_s * S)
+    assert offsets.factors()[0] == pytest.approx(left * (1.0 - ANSWERED_LOWERED_BY))
+
+
 def test_many_words_at_once_raise_now_and_once_more_after_a_minute() -> None:
     """The first has the room of this minute, the last that of the next, and no other has any."""
     offsets = FeltOffsets(1, may_raise=True)

@@ -46,8 +46,8 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     electrode: int
     state: int
     at_s: float
-    threshold_ua: Annotated[float, Meta(gt=0)]
-    resistance_ohm: Annotated[float, Meta(gt=0)]
+    threshold_ua: Annotated[float, Meta(gt=0, le=1e6)]
+    resistance_ohm: Annotated[float, Meta(gt=0, le=1e9)]
 
 
 class NoFit(EtdError):

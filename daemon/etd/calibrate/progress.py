@@ -19,6 +19,7 @@ from etd.files.atomic_file import check_folder, write_atomically
 from etd.files.paths import make_own
 from etd.protocol.calibration import (
     Calibration,
+    Drift,
     ElectrodeLimits,
     Seed,
     SkinCelsius,
@@ -50,7 +51,7 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     catch_trials: Annotated[int, Meta(ge=0)] = 0
     false_alarms: Annotated[int, Meta(ge=0)] = 0
     is_whole_accepted: bool = False
-    drift: Annotated[float, Meta(ge=-1)] | None = None
+    drift: Drift | None = None
     is_drift_least: bool = False
     skin_celsius: SkinCelsius | None = None
     made_on: ShortText | None = None

@@ -23,6 +23,8 @@ class ActiveSchedule:
         """Frames expire on the machine's clock; all else is timed with the board's `clock`."""
         self._clock = clock
         self._reporter = reporter
+        #: Of each electrode, by whatever frame: see `Schedule`.
+        self._fired_ns: dict[int, int] = {}
         #: None: no frame stands.
         self.schedule: Schedule | None = None
         #: The schedule of the scan under way; differs from `schedule` once that was dropped: then
@@ -53,7 +55,9 @@ class ActiveSchedule:
                 if lasts_ms is not None:
                     over_host_ns = host_ns - (now_ns - edge_ns) + lasts_ms * 1_000_000
                     expires_host_ns = min(expires_host_ns, over_host_ns)
-                self.schedule = Schedule(plan, expires_host_ns, now_ns, schedule, edge_ns)
+                self.schedule = Schedule(
+                    plan, expires_host_ns, now_ns, schedule, edge_ns, self._fired_ns
+                )
                 self._triggered = plan.frame.seq, edge_ns
                 return
 
@@ -79,7 +83,8 @@ class ActiveSchedule:
             self._coming = None
             self._reporter.superseded()
         self._let_go("replaced")
-        self.schedule = Schedule(plan, expires_host_ns, self._clock.now_ns(), before)
+        now_ns = self._clock.now_ns()
+        self.schedule = Schedule(plan, expires_host_ns, now_ns, before, None, self._fired_ns)
 
     def fit(self, maxima: Maxima) -> None:
         """Called between two scans, when a timing calibration has changed the possible widths: the

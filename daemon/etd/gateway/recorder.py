@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -23,7 +23,14 @@ from etd.protocol.errors import Refused
 from etd.protocol.frame import Frame
 from etd.protocol.link import EngineHello, PulseBatch, RecordBegins, Report, ToGateway
 from etd.protocol.link import LeaseEnded as LeaseEndedMessage
-from etd.protocol.messages import VERSION, Failure, Request, StateReport, Success
+from etd.protocol.messages import (
+    VERSION,
+    Failure,
+    RefusedReport,
+    Request,
+    StateReport,
+    Success,
+)
 from etd.protocol.pulse_row import PulseRow, rows_of
 from etd.record import lines
 from etd.version import __version__
@@ -34,6 +41,8 @@ MINUTE_NS = 60_000_000_000
 _ROWS_A_LINE = 200
 #: What changes nothing and tells nothing is not recorded.
 _UNRECORDED = ("hello", "status", "account", "record", "note")
+#: Whose allowance a line takes: a user's; that of all together; none.
+_Payer = int | None | Literal["all", "nobody"]
 #: CLOCK_MONOTONIC and the wall's time in ns, read together, and how long that took.
 ReadClocks = Callable[[], tuple[int, int, int]]
 
@@ -70,14 +79,18 @@ class Recorder:
         self.uid: int | None = None
         #: Why the last record ended by itself.
         self.problem: str | None = None
+        #: Which of this gateway's records runs, or ran last.
+        self.serial = 0
         self._clocks_due_ns = 0
-        #: The numbers of requests in this record to which no reply was sent yet.
-        self._unanswered: set[int] = set()
+        #: The requests in this record to which no reply was sent yet: by number, whose allowance
+        #: the reply takes; the holder's takes none.
+        self._unanswered: dict[int, _Payer] = {}
         self._state: tuple[object, ...] = ()
-        #: By user: what they may still add to this record.
-        self._allowances: dict[int | None, Allowance] = {}
-        #: Requests beyond that, since they were last told.
+        #: By user: what they may still add to this record; of all: what they may make it tell.
+        self._allowances: dict[_Payer, Allowance] = {}
+        #: Requests and replies beyond that, since they were last told; and lines of all.
         self._left_out = 0
+        self._lines_left_out = 0
         #: Of the board's clock, as the engine told it last: each second, and at each change.
         self._lag_us = 0
 
@@ -101,10 +114,13 @@ class Recorder:
             )
         self._file = self._store.create(name)
         self.running, self.uid, self.problem = name, uid, None
+        self.serial += 1
+        # Whoever ended the record before has turned them off, perhaps in this turn.
+        self._is_told = False
         self._state = ()
         self._unanswered.clear()
         self._allowances.clear()
-        self._left_out = 0
+        self._left_out = self._lines_left_out = 0
         now_ns, wall_ns, uncertainty_ns = self._read_clocks()
         begun = datetime.datetime.fromtimestamp(wall_ns / 1e9, datetime.UTC)
         self._put(
@@ -126,7 +142,7 @@ class Recorder:
         if self._leases.standing is not None:
             self.lease_begun(self._leases.standing, now_ns)
         if state is not None:
-            self._put_state(state)
+            self._put_state(state, now_ns)
 
     def stop(self, why: lines.Why, now_ns: int) -> None:
         """Idempotent. `closing` is the record's name until the disk has the rest of it."""
@@ -141,7 +157,7 @@ class Recorder:
         """What was left out is told, then the end: both are let past the bound. No turn waits for a
         disk.
         """
-        lost, left_out = file.take_lost(), self._left_out
+        lost, left_out = file.take_lost() + self._lines_left_out, self._left_out
         if lost or left_out:
             told = lines.Lost(t_ns=now_ns, lines=lost, requests=left_out)
             file.put(lines.encoded(told), is_last=True)
@@ -185,9 +201,10 @@ class Recorder:
         if now_ns >= self._clocks_due_ns:
             self._state = ()
             self._put_clocks(*self._read_clocks())
-            if self._left_out:
-                self._put(lines.Lost(t_ns=now_ns, requests=self._left_out))
-                self._left_out = 0
+            if self._left_out or self._lines_left_out:
+                requests, told = self._left_out, self._lines_left_out
+                self._left_out = self._lines_left_out = 0
+                self._put(lines.Lost(t_ns=now_ns, lines=told, requests=requests))
 
     # --- what is written -------------------------------------------------------------------------
 
@@ -246,12 +263,11 @@ class Recorder:
             uid=inbound.uid,
             request={"op": _op_of(request), **_given(request)},
         )
-        if not self._is_holders(request, inbound.uid) and not self._may_add(
-            lines.encoded(line), inbound.uid, now_ns
-        ):
+        payer: _Payer = "nobody" if self._is_holders(request, inbound.uid) else inbound.uid
+        if not self._may_add(line, payer, now_ns):
             self._left_out += 1
             return
-        self._unanswered.add(inbound.number)
+        self._unanswered[inbound.number] = payer
         self._put(line)
 
     def streamed(self, frame: Frame, uid: int | None, now_ns: int) -> None:
@@ -264,10 +280,15 @@ class Recorder:
     def replied(self, inbound: InboundMessage, reply: Success | Failure, now_ns: int) -> None:
         if inbound.number not in self._unanswered:
             return
-        self._unanswered.remove(inbound.number)
+        payer = self._unanswered.pop(inbound.number)
         said = msgspec.to_builtins(reply)
         told = {key: value for key, value in said.items() if key not in _ENVELOPE}
-        self._put(lines.Replied(t_ns=now_ns, number=inbound.number, ok=reply.ok, reply=told))
+        line = lines.Replied(t_ns=now_ns, number=inbound.number, ok=reply.ok, reply=told)
+        self._put_within(line, payer, now_ns)
+
+    def refused_stream(self, report: RefusedReport, now_ns: int) -> None:
+        """Frames that were not passed on: any user can send such."""
+        self._put_within(lines.Refusal(report=report), "all", now_ns)
 
     def heard(self, message: ToGateway, now_ns: int) -> None:
         """Of the engine. Raises: Undecodable, for pulses that are none."""
@@ -286,7 +307,7 @@ class Recorder:
             frames = self._standing_frames(message)
             self._put(lines.Carried(carried=message.carried, frames=frames))
         elif isinstance(message, Report):
-            self._put_report(message)
+            self._put_report(message, now_ns)
 
     def note(self, text: str, uid: int | None, now_ns: int) -> None:
         """Raises: Refused (`no_record`, `busy`)."""
@@ -294,7 +315,7 @@ class Recorder:
             raise Refused("no_record", "no record is being written: etd record start NAME")
         board_ns = now_ns - self._lag_us * 1_000
         line = lines.Note(t_ns=board_ns, text=text, uid=uid)
-        if not self._may_add(lines.encoded(line), uid, now_ns):
+        if not self._may_add(line, uid, now_ns):
             raise Refused(
                 "busy",
                 f"this user has added {MOST_BYTES // 1024} KiB to the record, and may add"
@@ -303,9 +324,22 @@ class Recorder:
             )
         self._put(line)
 
-    def _may_add(self, line: bytes, uid: int | None, now_ns: int) -> bool:
-        allowance = self._allowances.setdefault(uid, Allowance(now_ns))
-        return allowance.take(len(line), now_ns)
+    def _may_add(self, line: lines.Line, payer: _Payer, now_ns: int) -> bool:
+        if payer == "nobody":
+            return True
+        allowance = self._allowances.setdefault(payer, Allowance(now_ns))
+        return allowance.take(len(lines.encoded(line)), now_ns)
+
+    def _put_within(self, line: lines.Line, payer: _Payer, now_ns: int) -> None:
+        """Beyond what its payer may add it is left out, and counted."""
+        if self._file is None:
+            return
+        if self._may_add(line, payer, now_ns):
+            self._put(line)
+        elif payer == "all":
+            self._lines_left_out += 1
+        else:
+            self._left_out += 1
 
     def _put_pulses(self, batch: PulseBatch, now_ns: int) -> None:
         if batch.lost:
@@ -314,13 +348,13 @@ class Recorder:
         for at in range(0, len(rows), _ROWS_A_LINE):
             self._put(lines.Pulses(rows=rows[at : at + _ROWS_A_LINE]))
 
-    def _put_report(self, report: Report) -> None:
+    def _put_report(self, report: Report, now_ns: int) -> None:
         if report.scan is not None:
             scan = report.scan
             fields = {name: getattr(scan, name) for name in lines.Scans.__struct_fields__}
             self._put(lines.Scans(**fields))
         elif report.state is not None:
-            self._put_state(report.state)
+            self._put_state(report.state, now_ns)
         elif report.contact is not None:
             self._put(lines.Touched(report=report.contact))
         elif report.halt is not None:
@@ -328,8 +362,10 @@ class Recorder:
         elif report.refused is not None:
             self._put(lines.Refusal(report=report.refused))
 
-    def _put_state(self, report: StateReport) -> None:
-        """At each change of what a reader looks for; counters alone are no change."""
+    def _put_state(self, report: StateReport, now_ns: int) -> None:
+        """At each change of what a reader looks for; counters alone are no change. Any user can
+        make it change by answers, without end.
+        """
         told = (
             report.state,
             report.halt,
@@ -337,11 +373,13 @@ class Recorder:
             report.not_granted,
             report.session and report.session.participant,
             tuple(report.sensor_problems),
-            report.felt and (report.felt.answers, report.felt.laws_off),
+            report.felt and report.felt.laws_off,
+            report.felt and report.felt.answers,
         )
         if told != self._state:
+            payer: _Payer = "all" if told[:-1] == self._state[:-1] else "nobody"
             self._state = told
-            self._put(lines.State(report=report))
+            self._put_within(lines.State(report=report), payer, now_ns)
 
     def _put_clocks(self, now_ns: int, wall_ns: int, uncertainty_ns: int) -> None:
         self._clocks_due_ns = now_ns + MINUTE_NS

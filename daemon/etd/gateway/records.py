@@ -5,6 +5,8 @@ Owns: who may do which, and the replies. Must not know: sockets, files, what a r
 
 from __future__ import annotations
 
+import functools
+
 import msgspec
 
 from etd.gateway.config import Operators
@@ -52,8 +54,8 @@ class RecordHandler:
                 # What the engine has gathered comes before its answer.
                 ref = self._pending.next_ref()
                 self._engine.command(RecordPulses(ref=ref, is_on=False))
-                return ref, lambda _: self._stop()
-            return self._stop()
+                return ref, functools.partial(self._stop, self._recorder.serial)
+            return self._stop(self._recorder.serial)
         elif request.do == "get":
             name = _name_of(request)
             self._check_may(inbound, name, self._owner(name))
@@ -113,10 +115,13 @@ class RecordHandler:
         self._awaiting = [it for it in self._awaiting if it[0] not in due]
         return [Answer(ref=ref) for ref in due]
 
-    def _stop(self) -> tuple[int, Done]:
-        """The reply comes when the disk has all; meanwhile the gateway serves everyone."""
+    def _stop(self, serial: int, _: Answer | None = None) -> tuple[int, Done]:
+        """The reply comes when the disk has all; meanwhile the gateway serves everyone. One that
+        was begun since the request came goes on: it may be another user's.
+        """
         ref, now_ns = self._pending.next_ref(), self._clock.now_ns()
-        self._recorder.stop("stopped", now_ns)
+        if serial == self._recorder.serial:
+            self._recorder.stop("stopped", now_ns)
         self._awaiting.append((ref, now_ns + CLOSED_NS))
         return ref, lambda _: self._stopped()
 

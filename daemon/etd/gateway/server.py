@@ -247,7 +247,7 @@ class Gateway:
         refusals = self._streams.drain()
         if refusals:
             for report in self._publisher.refused_stream(refusals, self._clock.now_ns()):
-                self._recorder.heard(Report(refused=report), report.now_ns)
+                self._recorder.refused_stream(report, report.now_ns)
 
     def _record_streamed(self, frame: FrameRequest, uid: int | None) -> None:
         self._recorder.streamed(frame, uid, self._clock.now_ns())

@@ -21,7 +21,7 @@ from etd.planning.net_forecast import NetForecast, NetLimit
 from etd.planning.outlook import WHAT_TO_DO, Outlook
 from etd.planning.scan_rate import Counted, Groups, ScanRate
 from etd.planning.scheduled_pulse import ScheduledPulse
-from etd.protocol.calibration import Calibration, lower_than_calibrated
+from etd.protocol.calibration import Calibration, levels_hz_of, lower_than_calibrated
 from etd.protocol.errors import CannotSelect, Refused
 from etd.protocol.frame import PHASES, Frame, Polarity, Returns, Ring, per_electrode
 from etd.protocol.outcome import Clamp, Shortfall
@@ -69,6 +69,8 @@ class Plan:
     wire_us: float
     #: The rate that its levels were calibrated at, where the frame asks for a lower one.
     calibrated_hz: float | None = None
+    #: The same whatever it asks for; None: it has no levels.
+    levels_hz: float | None = None
 
 
 class _Planned:
@@ -191,6 +193,7 @@ class Planner:
             math.ceil(self._scan_rate.interval_us * 1_000),
             counted.wire_us,
             lower_than_calibrated(self._rules.person.calibration, frame),
+            levels_hz_of(self._rules.person.calibration, frame),
         )
         return plan, limit, alone
 

@@ -104,10 +104,13 @@ class Schedule:
         now_ns: int,
         before: Schedule | None = None,
         trigger_ns: int | None = None,
+        fired_ns: dict[int, int] | None = None,
     ) -> None:
         """`before`: the schedule that this one replaces, if any; rates continue across both. The
         schedule expires on the machine's clock; all else counts on the board's. `trigger_ns`: the
         edge for which its frame has waited; until then its scans have contact polls only.
+        `fired_ns`: of each electrode when the scan was due in which any frame has fired it last;
+        it is kept up to date.
         """
         self.plan = plan
         self.expires_host_ns = expires_host_ns
@@ -125,13 +128,17 @@ class Schedule:
         self._at = 0
         #: Each pulse as a newer frame leaves it for the rest of the scan under way.
         self._left_of: list[ScheduledPulse | None] = list(plan.schedule)
-        #: When the scan began in which an electrode was last fired, and the last one of all.
-        self._fired_ns: dict[int, int] = {} if before is None else before._fired_ns
+        if fired_ns is None:
+            fired_ns = {} if before is None else before._fired_ns
+        self._fired_ns: dict[int, int] = fired_ns
+        #: When the last scan began, and when it was due.
         self._scanned_ns: int | None = None if before is None else before._scanned_ns
+        self._due_ns = now_ns
         self.next_ns = now_ns
         if before is not None and self._scanned_ns is not None:
             due_ns = min(before.next_ns, self._scanned_ns + plan.period_ns)
             self.next_ns = max(now_ns, due_ns)
+        self.next_ns = max(self.next_ns, self._levels_rest_until_ns())
         # The fastest electrodes are due in every scan, a slower one in its share of the scans; all
         # are due in the first.
         rates_hz = [scheduled.rate_hz for scheduled in plan.schedule]
@@ -149,6 +156,17 @@ class Schedule:
         self.has_had_its_pulses = False
         #: When the last pulse of each place began.
         self._begun_ns = [now_ns] * len(plan.schedule)
+
+    def _levels_rest_until_ns(self) -> int:
+        """Levels were accepted at the rate of their calibration: no sequence of frames, however
+        each of them ends, fires one sooner than that after a pulse of any frame.
+        """
+        levels_hz = self.plan.levels_hz
+        if levels_hz is None:
+            return 0
+        fired = [self._fired_ns.get(scheduled.electrode) for scheduled in self.plan.schedule]
+        last_ns = max((each for each in fired if each is not None), default=None)
+        return 0 if last_ns is None else last_ns + int(1e9 / levels_hz)
 
     def _rested(self, scheduled: ScheduledPulse, share: float) -> float:
         """How much of its period an electrode has rested when this frame begins; 1 is all of it.
@@ -205,7 +223,8 @@ class Schedule:
     def begin_scan(self, now_ns: int) -> None:
         """The next scan follows a period later; after a stall no scan is made up for."""
         late_ns = now_ns - self.next_ns
-        self.next_ns = (now_ns if late_ns > _LATE_NS else self.next_ns) + self.plan.period_ns
+        self._due_ns = now_ns if late_ns > _LATE_NS else self.next_ns
+        self.next_ns = self._due_ns + self.plan.period_ns
         self._polls, self._at = None, 0
         if self.is_waiting:
             return
@@ -327,8 +346,7 @@ class Schedule:
     def was_fired(self, due: DuePulse, begun_ns: int) -> None:
         """The stimulus `due` began at `begun_ns`."""
         self._begun_ns[due.place] = begun_ns
-        if self._scanned_ns is not None:
-            self._fired_ns[due.scheduled.electrode] = self._scanned_ns
+        self._fired_ns[due.scheduled.electrode] = self._due_ns
         if self._left is not None:
             self._left[due.place] -= 1
             self._all_left -= 1

@@ -28,6 +28,8 @@ from etd_hal.errors import FileError
 Ua = Annotated[int, Meta(ge=0, le=10_000)]
 #: Of a random order.
 MOST_SEED = 2**31 - 1
+#: By what part of themselves thresholds rose: -1 is to nothing.
+Drift = Annotated[float, Meta(ge=-1, le=1_000)]
 SkinCelsius = Annotated[float, Meta(ge=5, le=45)]
 Seed = Annotated[int, Meta(ge=0, le=MOST_SEED)]
 #: What a person says of an electrode at its comfortable level: what it feels like, and where.
@@ -90,7 +92,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     #: All electrodes at once, at level 1, were presented in the end and not too strong.
     is_whole_accepted: Literal[True] | None = None
     #: By how much the threshold of the first electrode had changed when it was last asked again.
-    drift: Annotated[float, Meta(ge=-1)] | None = None
+    drift: Drift | None = None
     #: It was not felt any more up to its cap, so that its threshold has risen by that or more.
     is_drift_least: Literal[True] | None = None
     #: Of the skin under the array, as noted by the operator.
@@ -201,11 +203,16 @@ def _too_fast_for_levels(made_hz: float, asked_hz: float, most_hz: float) -> Ref
     )
 
 
+def levels_hz_of(calibration: Calibration | None, frame: Frame) -> float | None:
+    """The rate of the calibration, in Hz, of a level frame."""
+    return None if calibration is None or frame.level is None else calibration.rate_hz
+
+
 def lower_than_calibrated(calibration: Calibration | None, frame: Frame) -> float | None:
-    """The rate of the calibration, in Hz, where a level frame asks for a lower one."""
-    if calibration is None or frame.level is None:
+    """The same, where the frame asks for a lower one."""
+    made_hz = levels_hz_of(calibration, frame)
+    if made_hz is None:
         return None
-    made_hz = calibration.rate_hz
     return made_hz if min(_rates_hz(frame), default=made_hz) < made_hz else None
 
 

@@ -176,8 +176,9 @@ class Note(_Line, frozen=True, kw_only=True, tag="note"):
 
 class Lost(_Line, frozen=True, kw_only=True, tag="lost"):
     """What is missing here: pulses that the engine could not pass on, or lines for which the disk
-    was too slow. `requests`: of users without the lease, beyond what such a user may add; nothing
-    came of them.
+    was too slow. `requests`: requests and replies of users without the lease, beyond what such a
+    user may add; nothing came of them but what stops or lowers. `lines` has also what such users
+    made the daemon say (refused frames, a state for each answer), beyond what all may.
     """
 
     t_ns: TimeNs

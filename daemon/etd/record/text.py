@@ -40,7 +40,8 @@ def lines_of(summary: Summary) -> Iterator[str]:
     if summary.lost_pulses or summary.lost_lines:
         yield f"LOST        {summary.lost_pulses} pulses and {summary.lost_lines} lines"
     if summary.left_out_requests:
-        yield f"LEFT OUT    {summary.left_out_requests} requests of users without the lease"
+        count = summary.left_out_requests
+        yield f"LEFT OUT    {count} requests and replies of users without the lease"
     if summary.dose:
         yield ""
         yield "electrode    pulses     charge (uC)   highest (uA)   through the skin (uA, mean)"

@@ -180,6 +180,9 @@ class _Electrode:
 
     def lower_by(self, step: float, now_ns: int) -> None:
         """At once; and nothing rises until the next word, or within a minute."""
+        if not self.was_felt(now_ns):
+            # A rise that no pulse has any more.
+            self.offset = min(self.offset, 0.0)
         self.offset -= step
         self.left = min(self.left - step, self.offset)
         self.rise = None
