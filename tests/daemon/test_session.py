@@ -193,6 +193,7 @@ def test_a_test_of_the_stop_between_two_leases_is_the_next_ones() -> None:
 def test_a_release_counts_once() -> None:
     """A contact that bounces, or a lead that is plugged in again, is no second try."""
     one = used(FIRST, 10 * S, 20 * S)
+    one.closed()
     one.stop_moved(is_open=False, is_live=False, now_ns=25 * S)
     assert one.why_untried(SECOND, 30 * S) is not None
 
