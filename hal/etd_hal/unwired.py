@@ -158,7 +158,7 @@ class UnwiredSpi:
 
 
 class UnwiredGpio:
-    """The Gpio port: all stop lines are closed, and no line ever changes."""
+    """The Gpio port: all stop lines are closed, no input ever changes, and outputs are as set."""
 
     def __init__(
         self,
@@ -174,17 +174,20 @@ class UnwiredGpio:
         self._blanking, self._live = (line, 0), (line, 1)
         #: No electrode is behind what is sent.
         self.is_blanked = True
+        self._levels: dict[int, int] = {}
 
     def set(self, changes: Changes) -> None:
         self._mark("set", len(changes))
         self._clock.spend_ns(self._call_ns)
+        self._levels.update(changes)
         if self._live in changes:
             self.is_blanked = False
         elif self._blanking in changes:
             self.is_blanked = True
 
-    def get(self, line: int) -> int:  # noqa: ARG002
-        return 1
+    def get(self, line: int) -> int:
+        self._clock.spend_ns(self._call_ns)
+        return self._levels.get(line, 1)
 
     def edges(self) -> tuple[Edge, ...]:
         return ()

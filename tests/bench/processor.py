@@ -174,12 +174,14 @@ class FreeGpio(Blanking):
 
     def __init__(self) -> None:
         super().__init__(loaded_with(REST_US).board)
+        self._levels: dict[int, int] = {}
 
     def set(self, changes: Changes) -> None:
+        self._levels.update(changes)
         self.follow(changes)
 
     def get(self, line: int) -> int:
-        return 1
+        return self._levels.get(line, 1)
 
     def edges(self) -> tuple[Edge, ...]:
         return ()

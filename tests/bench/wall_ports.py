@@ -141,7 +141,10 @@ class WallGpio(Blanking):
 
     def get(self, line: int) -> int:
         self._calls.spend_counted(PI4.gpio_call_ns)
-        return self._register >> (self._stages - 1) if line == self._readback else 1
+        if line == self._readback:
+            return self._register >> (self._stages - 1)
+        # Outputs are as set, and the stops closed.
+        return self._levels.get(line, 1)
 
     def edges(self) -> tuple[Edge, ...]:
         if self._levels.get(self._supply) or not os.path.exists(self._try_stop):
