@@ -86,17 +86,16 @@ def test_the_third_attempt_in_vain_is_a_fault_and_after_it_there_are_three_again
         assert counters == {"calibration_attempts_failed": attempts}
 
 
-@pytest.mark.parametrize("mended", [True, False], ids=["as before", "otherwise"])
+@pytest.mark.parametrize("is_known", [True, False], ids=["recognized", "measured anew"])
 def test_after_a_timing_that_holds_there_are_three_attempts_again(
-    rig: BoardRig, mended: bool
+    rig: BoardRig, is_known: bool
 ) -> None:
-    one, _ = retiming(rig)
+    one, counters = retiming(with_two_speeds(rig) if is_known else rig)
     rig.fake.world.put_in(TOO_SLOW)
     failing(one, ATTEMPTS - 1)
     rig.fake.world.mend()
-    if not mended:
-        rig.fake.world.put_in(SLOWER)
     assert one.attempt(0)
+    assert counters["recalibrated"] == int(not is_known)
     rig.fake.world.put_in(TOO_SLOW)
     failing(one, ATTEMPTS - 1)
 
