@@ -94,6 +94,8 @@ MACHINE = [
     Case("no gpiod", ALL, [MachineTrouble("package_missing")], "machine", "libraries"),
     Case("a Pi 5", ALL, [MachineTrouble("wrong_model")], "machine", "model"),
 ]
+#: Levels that are not those of the safe state: it is read back before each line is.
+NOT_SAFE = (("POL", 0), ("BL", 1))
 BUSES = [
     Case("MISO floats high", ALL, [MisoStuck(1)], "buses", "spi_echo"),
     Case("the DAC does not move", BARE, [DacStuck(200)], "buses", "idle_node"),
@@ -102,6 +104,11 @@ BUSES = [
         Case(f"{name} is stuck at {level}", ALL, [StuckLine(name, level)], "buses", "lines")
         for name in ("POL", "BL", "LE", "CLK", "DATA", "HEARTBEAT", "SYNC")
         for level in (0, 1)
+        if (name, level) not in NOT_SAFE
+    ),
+    *(
+        Case(f"{name} is stuck at {level}", ALL, [StuckLine(name, level)], "buses", "safe_state")
+        for name, level in NOT_SAFE
     ),
     Case("CLK is stuck, relays", RELAY, [StuckLine("CLK", 0)], "buses", "lines"),
     Case("no rail monitor", ALL, [I2cFailure(0x48, "absent")], "buses", "rail_monitor"),
