@@ -6,7 +6,7 @@ Owns: the cases. Must not know: what is asserted of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from etd_hal.fake.faults import (
     AdcBitStuck,
@@ -95,7 +95,7 @@ MACHINE = [
     Case("a Pi 5", ALL, [MachineTrouble("wrong_model")], "machine", "model"),
 ]
 #: Levels that are not those of the safe state: it is read back before each line is.
-NOT_SAFE = (("POL", 0), ("BL", 1))
+NOT_SAFE: tuple[tuple[str, Literal[0, 1]], ...] = (("POL", 0), ("BL", 1))
 BUSES = [
     Case("MISO floats high", ALL, [MisoStuck(1)], "buses", "spi_echo"),
     Case("the DAC does not move", BARE, [DacStuck(200)], "buses", "idle_node"),
