@@ -35,6 +35,8 @@ STOPPED_BY = "the script"
 LONG_MS, SHORT_MS = 1_150, 60
 #: Why the engine ends a lease that its client has not closed.
 _BY_ITSELF = frozenset({"lapsed", "the gateway is silent"})
+#: What a stop says besides, where the board could not be made safe by it.
+_NOT_SAFE = (" failed (", " when read back: ")
 #: As a client does while it waits.
 _KEEP_NS = 200 * MS
 #: Longer than arming differs by, whatever the rail does.
@@ -180,7 +182,9 @@ class EngineScript:
         self.rig.listen()
         halt = self.rig.engine.supervisor.states.halt
         told = [
-            one for one in (*halts(self.rig), *((halt,) if halt else ())) if one.cause == "fault"
+            one
+            for one in (*halts(self.rig), *((halt,) if halt else ()))
+            if one.cause == "fault" or any(part in one.detail for part in _NOT_SAFE)
         ]
         if told:
             first = told[0]
