@@ -2,8 +2,8 @@
 
 Owns: the table that says so. Must not know: what is measured, and how.
 
-A figure is of the code that it was measured with. That one is older than the product does not make
-it wrong, and whoever reads it must see it.
+A figure is of the code that it was measured with. One that is older than the product need not be
+wrong, but a reader must see its age.
 """
 
 from __future__ import annotations

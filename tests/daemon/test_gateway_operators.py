@@ -58,7 +58,7 @@ def test_only_operators_arm_clear_and_measure() -> None:
     with GatewayRig(operators=(str(STRANGER + 1),)) as rig, as_stranger(rig) as theirs:
         for op in ("arm", "clear", "measure"):
             # Of `measure`, whatever its lease is.
-            reply = theirs(op, lease="of nobody") if op == "measure" else theirs(op)
+            reply = theirs(op, lease="that does not stand") if op == "measure" else theirs(op)
             assert reply["error"] == "not_permitted"
             assert str(STRANGER) in reply["reason"]
         assert rig.engine.heard == []

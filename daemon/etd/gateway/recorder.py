@@ -41,8 +41,8 @@ MINUTE_NS = 60_000_000_000
 _ROWS_A_LINE = 200
 #: What changes nothing and tells nothing is not recorded.
 _UNRECORDED = ("hello", "status", "account", "record", "note")
-#: Whose allowance a line takes: a user's; that of all together; none.
-_Payer = int | None | Literal["all", "nobody"]
+#: Whose allowance a line takes: a user's, that of all users together, or none.
+_Payer = int | None | Literal["together", "unlimited"]
 #: CLOCK_MONOTONIC and the wall's time in ns, read together, and how long that took.
 ReadClocks = Callable[[], tuple[int, int, int]]
 
@@ -115,7 +115,7 @@ class Recorder:
         self._file = self._store.create(name)
         self.running, self.uid, self.problem = name, uid, None
         self.serial += 1
-        # Whoever ended the record before has turned them off, perhaps in this turn.
+        # The request that ended the record before had them turned off, perhaps in this turn.
         self._is_told = False
         self._state = ()
         self._unanswered.clear()
@@ -263,7 +263,7 @@ class Recorder:
             uid=inbound.uid,
             request={"op": _op_of(request), **_given(request)},
         )
-        payer: _Payer = "nobody" if self._is_holders(request, inbound.uid) else inbound.uid
+        payer: _Payer = "unlimited" if self._is_holders(request, inbound.uid) else inbound.uid
         if not self._may_add(line, payer, now_ns):
             self._left_out += 1
             return
@@ -288,7 +288,7 @@ class Recorder:
 
     def refused_stream(self, report: RefusedReport, now_ns: int) -> None:
         """Frames that were not passed on: any user can send such."""
-        self._put_within(lines.Refusal(report=report), "all", now_ns)
+        self._put_within(lines.Refusal(report=report), "together", now_ns)
 
     def heard(self, message: ToGateway, now_ns: int) -> None:
         """Of the engine. Raises: Undecodable, for pulses that are none."""
@@ -325,7 +325,7 @@ class Recorder:
         self._put(line)
 
     def _may_add(self, line: lines.Line, payer: _Payer, now_ns: int) -> bool:
-        if payer == "nobody":
+        if payer == "unlimited":
             return True
         allowance = self._allowances.setdefault(payer, Allowance(now_ns))
         return allowance.take(len(lines.encoded(line)), now_ns)
@@ -336,7 +336,7 @@ class Recorder:
             return
         if self._may_add(line, payer, now_ns):
             self._put(line)
-        elif payer == "all":
+        elif payer == "together":
             self._lines_left_out += 1
         else:
             self._left_out += 1
@@ -377,7 +377,7 @@ class Recorder:
             report.felt and report.felt.answers,
         )
         if told != self._state:
-            payer: _Payer = "all" if told[:-1] == self._state[:-1] else "nobody"
+            payer: _Payer = "together" if told[:-1] == self._state[:-1] else "unlimited"
             self._state = told
             self._put_within(lines.State(report=report), payer, now_ns)
 
