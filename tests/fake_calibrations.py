@@ -64,6 +64,7 @@ def calibration_of(array: Array, polarity: Literal["anodic", "cathodic"]) -> Cal
         date=datetime.date(2025, 1, 15),
         program="etd 0.1.0",
         electrode=tuple(limits_of(body, electrode, polarity) for electrode in range(array.count)),
+        modelled=True,
     )
 
 

@@ -13,13 +13,15 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from command_rig import CommandRig, command_rig
+from command_rig import CommandRig, Said, command_rig
+from engine_scenes import exponent
 from etd.calibrate.conditions import Conditions, identity
 from etd.calibrate.exponent import Asked
 from etd.calibrate.fitting import STATES, FitProgress, electrodes_to_ask
 from etd.calibrate.progress import save_progress
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd_hal.compose import wall_time
 from terminal_rig import AtTerminal
 
@@ -158,46 +160,86 @@ def test_what_was_too_strong_in_a_fit_is_taken_from_the_calibration_at_once(
     rig: CommandRig,
 ) -> None:
     """Whatever becomes of the fit; and the same command continues it."""
-    before = load_calibration(resources.find("calibrations", BASELINE))
-    path, exported = rig.folder / "P.toml", rig.folder / "K02.toml"
-    path.write_text(to_toml(replace(before, is_whole_accepted=True)))
+    before = replace(shipped(), is_whole_accepted=True)
     asked = ("calibrate", "fake", "--fit", "--baseline", "K02", "--as", "K02", *LIMIT, "--seed=1")
     with rig.daemon("--array", "pad-8"):
-        assert rig.run("calibration", "import", str(path), "--as", "K02").status == 0
-        at = AtTerminal(rig, *asked, "--arm")
-        try:
-            assert at.command.line() == "", "each state stands apart"
-            at.command.line_with("Then any key", "stdout")
-            # A key that comes before it waits for one is dropped.
-            rig.run("status")
-            at.press(b"n")
-            at.command.line_with("How strong was it?", "stdout")
-            at.press(b"t")
-            at.command.line_with("Was it so? t again", "stdout")
-            at.press(b"t")
-            at.command.line_with("How strong was it?", "stdout")
-            at.press(b"q")
-            said = at.command.ended()
-        finally:
-            at.close()
+        import_as(rig, before, "K02")
+        said = too_strong_once(rig, asked)
         assert said.status == 1, said.err
         assert "too strong, so the cap is lower: electrode" in said.err
         assert "K02 is stored so" in said.err
-        assert rig.run("calibration", "export", "K02", str(exported)).status == 0
+        after = exported(rig, "K02")
         again = AtTerminal(rig, *asked, "--arm")
         try:
             assert again.command.line() == ""
             again.command.line_with("Then any key", "stdout")
         finally:
             again.close()
-    after = load_calibration(exported)
-    lowered = [
-        (was, now) for was, now in zip(before.electrode, after.electrode, strict=True) if was != now
-    ]
-    assert len(lowered) == 1
-    ((was, now),) = lowered
+    was, now = the_lowered(before, after)
     assert now.cap_ua < was.cap_ua
     assert after.is_whole_accepted is None
+
+
+def test_a_calibration_that_a_new_fit_is_to_replace_keeps_its_k_until_then(rig: CommandRig) -> None:
+    """Its electrode is lower, no other is as the baseline has it."""
+    had = replace(shipped(), exponent=exponent(0.6))
+    had = replace(
+        had, electrode=tuple(replace(one, cap_ua=one.cap_ua - 10) for one in had.electrode)
+    )
+    asked = ("calibrate", "fake", "--fit", "--baseline", "B", "--as", "K", *LIMIT, "--seed=1")
+    with rig.daemon("--array", "pad-8"):
+        import_as(rig, shipped(), "B")
+        import_as(rig, had, "K")
+        said = too_strong_once(rig, asked)
+        assert "K is stored so" in said.err
+        after, baseline = exported(rig, "K"), exported(rig, "B")
+    was, now = the_lowered(had, after)
+    assert now.cap_ua < was.cap_ua
+    assert after.exponent == had.exponent
+    assert baseline == shipped()
+
+
+def shipped() -> Calibration:
+    return load_calibration(resources.find("calibrations", BASELINE))
+
+
+def import_as(rig: CommandRig, made: Calibration, name: str) -> None:
+    path = rig.folder / "imported.toml"
+    path.write_text(to_toml(made))
+    assert rig.run("calibration", "import", str(path), "--as", name).status == 0
+
+
+def exported(rig: CommandRig, name: str) -> Calibration:
+    path = rig.folder / f"{name}-exported.toml"
+    assert rig.run("calibration", "export", name, str(path)).status == 0
+    return load_calibration(path)
+
+
+def too_strong_once(rig: CommandRig, asked: tuple[str, ...]) -> Said:
+    """What a fit says whose first presentation is too strong, surely, and that is left then."""
+    at = AtTerminal(rig, *asked, "--arm")
+    try:
+        assert at.command.line() == "", "each state stands apart"
+        at.command.line_with("Then any key", "stdout")
+        # A key that comes before it waits for one is dropped.
+        rig.run("status")
+        at.press(b"n")
+        at.command.line_with("How strong was it?", "stdout")
+        at.press(b"t")
+        at.command.line_with("Was it so? t again", "stdout")
+        at.press(b"t")
+        at.command.line_with("How strong was it?", "stdout")
+        at.press(b"q")
+        return at.command.ended()
+    finally:
+        at.close()
+
+
+def the_lowered(before: Calibration, after: Calibration) -> tuple[ElectrodeLimits, ElectrodeLimits]:
+    """The one electrode that differs, as it was and as it is."""
+    both = zip(before.electrode, after.electrode, strict=True)
+    (lowered,) = ((was, now) for was, now in both if was != now)
+    return lowered
 
 
 def test_a_simulated_person_answers_in_the_first_state_without_a_key(rig: CommandRig) -> None:

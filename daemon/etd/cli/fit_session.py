@@ -74,7 +74,7 @@ class FitSession:
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
         check_date(self._baseline, wall_time().date())
-        self._stored = self._baseline
+        self._stored = self._in_use = self._calibration_in_use()
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
@@ -230,12 +230,26 @@ class FitSession:
         """
         self._fitting.lower(of_state)
         save_progress(self._file, self._progress)
-        made = self._fitting.lowered(self._baseline)
+        made = self._fitting.lowered(self._in_use)
         if made != self._stored:
             stored = marked(self._display, made)
             self._display.set_calibration(self._which, stored)
             self._stored = made
             self._go_on_from(stored)
+
+    def _calibration_in_use(self) -> Calibration:
+        """What is stored by the name that the result gets, with a k of its own, is what the person
+        may be using: what is too strong is taken from it. Where there is none for this person and
+        these pulses, the baseline is stored under that name. Raises: Refused.
+        """
+        if self._which not in self._display.calibrations():
+            return self._baseline
+        stored = self._display.calibration(self._which)
+        same = all(
+            getattr(stored, field) == getattr(self._baseline, field)
+            for field in ("participant", "body_site", "array", "polarity", "width_us")
+        )
+        return stored if same else self._baseline
 
     def _go_on_from(self, made: Calibration) -> None:
         """What is saved is of the calibration as it is now, so that the same command continues."""
@@ -246,7 +260,7 @@ class FitSession:
             save_progress(self._file, self._progress)
 
     def _tell_lowered(self) -> None:
-        both = zip(self._baseline.electrode, self._stored.electrode, strict=True)
+        both = zip(self._in_use.electrode, self._stored.electrode, strict=True)
         caps = [
             f"{electrode} ({now.cap_ua} uA instead of {was.cap_ua})"
             for electrode, (was, now) in enumerate(both)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -133,7 +132,9 @@ def test_an_operator_stores_what_the_engine_takes_and_the_gateway_cannot_write(
     services: None, tmp_path: Path
 ) -> None:
     file, stored = tmp_path / "P01.toml", scene.CALIBRATIONS / "main" / "P01.toml"
-    shutil.copy(TREE / "config/calibrations/fake-fingertip.toml", file)
+    modelled = (TREE / "config/calibrations/fake-fingertip.toml").read_text()
+    # As if a person had answered for it: what a model answered for is refused on real lines, below.
+    file.write_text(modelled.replace("modelled = true\n", ""))
     scene.said_by("chmod", "-R", "a+rX", str(tmp_path.parent.parent))
     imported = ("etd", "calibration", "import", str(file))
     for user in (PERSON, "etd-gateway"):
@@ -150,6 +151,12 @@ def test_an_operator_stores_what_the_engine_takes_and_the_gateway_cannot_write(
         with Display(address=scene.ADDRESS, calibration="P01") as display:
             (told,) = display.arm()
         assert told.digest == digest_of(load_calibration(file))
+        stored.write_text(modelled)
+        with (
+            Display(address=scene.ADDRESS, calibration="P01") as display,
+            pytest.raises(Refused, match="no person felt it"),
+        ):
+            display.arm()
         scene.said_by("chown", "etd-gateway", str(stored))
         with (
             Display(address=scene.ADDRESS, calibration="P01") as display,
