@@ -48,6 +48,8 @@ class Outcome(msgspec.Struct, frozen=True):
     version: str = ""
     #: The day and time on which its scene was begun.
     played: str = ""
+    #: What it took of one processor.
+    processor_s: float = 0.0
 
 
 def outcome(

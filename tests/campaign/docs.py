@@ -6,6 +6,7 @@ case is played, what must hold.
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -17,6 +18,8 @@ from campaign.results import BENCH, CLONE, PC_PER_UC
 PAGE = CLONE / "docs" / "safety.md"
 _BEGIN, _END = "<!-- written by make campaign -->\n", "<!-- so far -->\n"
 _NONE = "**none**"
+#: Whose time a run is told in, whatever else the machine did beside it.
+_PROCESSORS = 2
 COLUMNS = (
     *("fault", "told by", "cases", "told", "latent", "silent"),
     *("ms to safe, p50", "most", "uC, electrode", "uC, return"),
@@ -131,7 +134,14 @@ def _most_uc(those: Sequence[Line]) -> str:
 
 
 def _by(part: dict[str, Any]) -> str:
-    return f"{part['cases']} cases by {part['version']} on {part['day']}"
+    taken = part["processor_s"]
+    took = f" ({_in_hours(taken / _PROCESSORS)} of {_PROCESSORS} processors)" if taken else ""
+    return f"{part['cases']} cases by {part['version']} on {part['day']}{took}"
+
+
+def _in_hours(taken_s: float) -> str:
+    hours, minutes = divmod(math.ceil(taken_s / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def _changed(first: dict[str, Any], part: dict[str, Any]) -> str:

@@ -39,8 +39,11 @@ _BY_ITSELF = frozenset({"lapsed", "the gateway is silent"})
 _NOT_SAFE = (" failed (", " when read back: ")
 #: As a client does while it waits.
 _KEEP_NS = 200 * MS
-#: Longer than arming differs by, whatever the rail does.
+#: Longer than what comes before arming differs by.
 _BEAT_NS = 300 * MS
+#: Longer than arming takes without a fault, where no relays are waited for; with a fault that slows
+#: it, what follows comes later by as much.
+ARMED_NS = 150 * MS
 
 
 class EngineScript:
@@ -130,9 +133,10 @@ class EngineScript:
                 keep_ns += _KEEP_NS
                 rig.commands.send(KeepLease(lease=LEASE))
 
-    def wait_for_beat(self) -> None:
-        """Until the clock is at a multiple of this, with the lease kept."""
-        until_ns = (self.rig.clock.now_ns() // _BEAT_NS + 1) * _BEAT_NS
+    def wait_for_beat(self, begun_ns: int = 0, beat_ns: int = _BEAT_NS) -> None:
+        """Until the next of the beats that have begun then, with the lease kept."""
+        passed = (self.rig.clock.now_ns() - begun_ns) // beat_ns
+        until_ns = begun_ns + (passed + 1) * beat_ns
         if self.subject.is_client_alive:
             self.rig.commands.send(KeepLease(lease=LEASE))
         while self.rig.clock.now_ns() < until_ns:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import gc
 import os
+import resource
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -147,7 +148,12 @@ def play(
                 played.pulse_pc,
                 leaves_supply_on=_can_be_off(whole.board) and played.leaves_supply_on,
             )
-            _append(results, msgspec.structs.replace(found, version=version, played=played_at))
+            _append(
+                results,
+                msgspec.structs.replace(
+                    found, version=version, played=played_at, processor_s=_processor_s()
+                ),
+            )
             os._exit(0)
     except BaseException:
         if copied:
@@ -182,6 +188,12 @@ def _play_to_the_end(played: Scene, copied: Sequence[tuple[Kind, int, Port, int]
 
 def _can_be_off(board: str) -> bool:
     return config(board).board.guards.hv_enable != "absent"
+
+
+def _processor_s() -> float:
+    """Of this process, since it was forked."""
+    taken = resource.getrusage(resource.RUSAGE_SELF)
+    return taken.ru_utime + taken.ru_stime
 
 
 def _append(results: Path, found: Outcome) -> None:

@@ -112,6 +112,7 @@ def played(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "day": day,
             "how": how,
             "cases": sum(one.cases for one in those),
+            "processor_s": round(sum(one.processor_s for one in those)),
             "classes": _played_by(those, lines),
         }
         for (version, day, how), those in parts.items()

@@ -95,6 +95,8 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     silent_most_uc: float | None = None
     most_alone_uc: float
     most_shared_uc: float
+    #: Of one processor, all its cases together; 0: not kept.
+    processor_s: float = 0.0
 
 
 def figures(outcomes: Iterable[Outcome]) -> list[Figures]:
@@ -123,6 +125,7 @@ def figures_of(fault_class: str, found: Sequence[Outcome]) -> Figures:
         silent_most_uc=max(silent_pc, default=0.0) / PC_PER_UC,
         most_alone_uc=max(one.beyond_alone_pc for one in found) / PC_PER_UC,
         most_shared_uc=max(one.beyond_shared_pc for one in found) / PC_PER_UC,
+        processor_s=round(sum(one.processor_s for one in found), 3),
     )
 
 

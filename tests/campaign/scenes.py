@@ -14,6 +14,7 @@ import msgspec
 
 from campaign.account import Course
 from campaign.engine_script import (
+    ARMED_NS,
     ELECTRODES,
     LIT,
     LONG_MS,
@@ -69,8 +70,9 @@ class _Engine(EngineScript):
         on, until another.
         """
         self.wait_for_beat()
+        begun_ns = self.rig.clock.now_ns()
         self.ask(ArmBoard)
-        self.wait_for_beat()
+        self.wait_for_beat(begun_ns, ARMED_NS)
         opened_to(self.rig, self.current_ua)
 
     def armed(self) -> None:

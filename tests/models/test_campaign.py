@@ -335,15 +335,15 @@ def test_what_was_played_anew_takes_the_place_of_its_class_and_the_rest_says_whe
         return found
 
     first = [line(name, "abc", "2026-11-01", "At all") for name in ("a gain", "an overshoot")]
-    later = [line(name, "def", "2026-11-02", "At some", seen="halted", flowed_for_ms=2.0)
-             for name in ("a gain", "a stop")]  # fmt: skip
-    file = tmp_path / "record"
-    record(merged(first, later), file)
-    assert recorded(file) == [later[0], first[1], later[1]]
-    assert docs.said(recorded(file)) == (
-        "At some: 4 cases by def on 2026-11-02. 2 cases by abc on 2026-11-01, at all: an overshoot."
+    facts = {"seen": "halted", "flowed_for_ms": 2.0, "processor_s": 1_830.0}
+    later = [line(name, "def", "2026-11-02", "At some", **facts) for name in ("a gain", "a stop")]
+    record(merged(first, later), tmp_path / "kept")
+    assert recorded(tmp_path / "kept") == [later[0], first[1], later[1]]
+    assert docs.said(recorded(tmp_path / "kept")) == (
+        "At some: 4 cases by def on 2026-11-02 (1 h 1 min of 2 processors). 2 cases by abc on"
+        " 2026-11-01, at all: an overshoot."
     )
-    (row,) = in_all(recorded(file))
+    (row,) = in_all(recorded(tmp_path / "kept"))
     assert (row["cases"], row["told"], row["latent"], row["safe_most_ms"]) == (6, 4, 2, 2.0)
     assert [part["classes"] for part in played(first)] == [["all"]]
     bench = line("a gain", "ghi", "2026-11-03", "At all", scene=BENCH)
@@ -351,7 +351,7 @@ def test_what_was_played_anew_takes_the_place_of_its_class_and_the_rest_says_whe
         ["all others"],
         ["all of self-test"],
     ]
-    parts = played(recorded(file))
+    parts = played(recorded(tmp_path / "kept"))
     assert [part["classes"] for part in parts] == [["all others"], ["an overshoot"]]
 
 
