@@ -56,9 +56,10 @@ class Chosen:
 
 
 def chosen(operations: Sequence[Operation], each: int | None, *, is_long: bool = False) -> Chosen:
-    """`each`: at most so many of one place; None: all operations. What stays is put in at those of
-    messages, and at one other of each part. `is_long`: of a scene whose cases take long, what
-    happens once is put in at one operation of a place, and what stays at one of each part.
+    """`each`: at most so many of one place; None: all operations. What stays is put in at the first
+    and the last of these where they are messages, and at one other of each part. `is_long`: of a
+    scene whose cases take long, what happens once is put in at one operation of a place, and what
+    stays at one of each part.
     """
     if each is None:
         every = frozenset(range(len(operations)))
@@ -73,7 +74,8 @@ def chosen(operations: Sequence[Operation], each: int | None, *, is_long: bool =
         taken = _spread(numbers, 1 if is_long else each)
         once.update(taken)
         if found.port == "spi" and not is_long:
-            staying.update(taken)
+            # From the first one on it meets the second as well.
+            staying.update((taken[0], taken[-1]))
         elif found.part not in parts:
             parts[found.part] = taken[len(taken) // 2]
     staying.update(parts.values())

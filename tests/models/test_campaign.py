@@ -127,13 +127,13 @@ def test_what_an_operation_is_told_happens_to_it() -> None:
 
 
 def test_of_a_place_the_first_the_second_and_the_last_operation_are_chosen() -> None:
-    operations = [Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 2
+    operations = [Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 4
     at = chosen(operations, 3)
-    assert at.once == {0, 1, 8, 9, 10}
-    assert at.staying == {1, 9, 10}
+    assert at.once == {0, 1, 8, 9, 10, 12}
+    assert at.staying == {1, 9, 12}
     assert at.parts == {1}
-    assert chosen(operations, None).once == set(range(11))
-    assert chosen(operations, 3, is_long=True).once == {4, 10}
+    assert chosen(operations, None).once == set(range(13))
+    assert chosen(operations, 3, is_long=True).once == {4, 11}
 
 
 def test_what_no_message_meets_is_put_in_once_in_each_part() -> None:
