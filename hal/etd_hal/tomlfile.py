@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from etd_hal import schema_hints
+from etd_hal import schema_hints, toml_bounds
 from etd_hal.daemon_python import too_old
 from etd_hal.errors import FileError
 
@@ -22,16 +22,6 @@ T = TypeVar("T")
 
 #: A calibration of 256 electrodes with explicit returns takes a quarter of this.
 MOST_BYTES = 1_048_576
-#: Parts of a key, joined by points: the deepest here has four. For each part `tomllib` goes through
-#: all before it, so that a key of thousands takes minutes.
-_MOST_PARTS = 16
-_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
-_LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}")
-#: Tables by a heading or by a key with points, one for each electrode at most; a line that begins
-#: with a list counts too. For each part `tomllib` makes a dictionary and a set: tens of thousands
-#: take seconds, and 160 MB.
-_MOST_TABLES = 2_000
-_TABLE = re.compile(rf"^[ \t]*(?:\[|{_PART}[ \t]*\.)", re.MULTILINE)
 
 #: msgspec's names of types in words for the person who edits a file.
 _KINDS = {
@@ -94,17 +84,8 @@ def _read(path: Path, data: bytes | None) -> dict[str, Any]:
         import tomllib  # novm
 
         text = (_bytes_of(path) if data is None else data).decode("utf-8")
-        if _LONG_KEY.search(text):
-            raise FileError(
-                str(path),
-                "",
-                f"it is nested too deep: more than {_MOST_PARTS} names are joined by points",
-                "see docs/files.md",
-            )
-        if sum(1 for _ in _TABLE.finditer(text)) > _MOST_TABLES:
-            raise FileError(
-                str(path), "", f"it has more than {_MOST_TABLES} tables", "see docs/files.md"
-            )
+        if (why := toml_bounds.why_not(text)) is not None:
+            raise FileError(str(path), "", why, "see docs/files.md")
         try:
             parsed = tomllib.loads(text)
         except tomllib.TOMLDecodeError:
