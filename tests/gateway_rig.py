@@ -19,12 +19,14 @@ from typing import Any, Self
 import zmq
 
 from etd.client import clock
+from etd.files.calibration_process import CalibrationReader
 from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
 from etd.gateway.record_file import Disk
 from etd.gateway.server import Gateway
 from etd.protocol.link import EngineHello
 from etd_hal.ports import Clock
+from read_in_place import read_in_place
 from scripted_engine import ScriptedEngine
 
 #: Turns of 5 ms until something that should arrive counts as not arriving.
@@ -70,6 +72,7 @@ class GatewayRig:
         facts: EngineHello | None = None,
         clock: Clock | None = None,
         disk: Disk | None = None,
+        reader: CalibrationReader | None = None,
         **config: Any,
     ) -> None:
         self._temporary = tempfile.TemporaryDirectory(prefix="etd-")
@@ -89,7 +92,13 @@ class GatewayRig:
         self.facts = facts
         self.engine = ScriptedEngine(self.folder, facts)
         self.running = clock or self.clock
-        self.gateway = Gateway(self.config, self.running, self._read_clocks, disk=disk)
+        self.gateway = Gateway(
+            self.config,
+            self.running,
+            self._read_clocks,
+            disk=disk,
+            reader=reader or read_in_place(self.config),
+        )
         self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         #: Until the rig closes, whatever becomes of them in a test.
         self._opened: list[zmq.Socket[bytes]] = []

@@ -12,20 +12,24 @@ from pathlib import Path
 import msgspec
 
 from etd.files.calibration_reading import Asked, Found, answer_to
+from etd.gateway.config import GatewayConfig
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.peer import Peer
 
 
 class ReadInPlace:
-    """See `etd.engine.opening.CalibrationReader`."""
+    """See `etd.files.calibration_process.CalibrationReader`."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, shipped: Path | None = None) -> None:
+        self._folder, self._shipped = folder, shipped
         self._found = Found()
 
-    def begin(self, names: Sequence[str], gateway: Peer) -> None:
-        asked = Asked(names=tuple(names), folder=str(self._folder), shipped=None, gateway=gateway)
+    def begin(self, names: Sequence[str], gateway: Peer | None) -> None:
+        shipped = None if self._shipped is None else str(self._shipped)
+        asked = Asked(
+            names=tuple(names), folder=str(self._folder), shipped=shipped, gateway=gateway
+        )
         self._found = msgspec.msgpack.decode(answer_to(asked, lambda: None), type=Found)
 
     def result(self) -> tuple[Calibration, ...]:
@@ -35,3 +39,9 @@ class ReadInPlace:
 
     def cancel(self) -> None:
         pass
+
+
+def read_in_place(config: GatewayConfig) -> ReadInPlace:
+    """As a gateway of this configuration reads."""
+    folder = config.calibrations or config.state_dir / "calibrations"
+    return ReadInPlace(folder, config.shipped_calibrations)

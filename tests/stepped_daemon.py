@@ -53,7 +53,7 @@ from etd_hal.fake.clock import SteppedClock
 from etd_hal.fake.trace import Trace
 from etd_hal.linesetup import line_setup, spi_setup
 from followed_trace import FollowedTrace
-from read_in_place import ReadInPlace
+from read_in_place import ReadInPlace, read_in_place
 from stepped_stopper import SteppedStopper
 
 #: The gateway has a turn this often, when nobody waits for it.
@@ -124,7 +124,7 @@ class SteppedDaemon:
         config = GatewayConfig(
             name="stepped", runtime_folder=self.folder, state_dir=self.folder / "state"
         )
-        self.gateway = Gateway(config, self.clock, self._read_clocks)
+        self.gateway = Gateway(config, self.clock, self._read_clocks, reader=read_in_place(config))
         self._gateway_ns = 0
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self.control = self._socket(zmq.DEALER, "control.sock")

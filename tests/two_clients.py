@@ -35,6 +35,7 @@ from etd_hal.bench import StopName
 from etd_hal.fake.faults import Fault
 from etd_hal.ports import Changes, Edge, Gpio
 from raw_client import connected, hello, part, poured
+from read_in_place import read_in_place
 
 BOARD, ELECTRODES = "reference-hv507", 8
 MS = 1_000_000
@@ -164,7 +165,7 @@ class TwoClients:
     def _made_gateway(self) -> Gateway:
         state = self._folder.parent / "state"
         config = GatewayConfig(name="two", runtime_folder=self._folder, state_dir=state)
-        return Gateway(config, self.rig.clock, self._read_clocks)
+        return Gateway(config, self.rig.clock, self._read_clocks, reader=read_in_place(config))
 
     def _read_clocks(self) -> tuple[int, int, int]:
         now_ns = self.rig.clock.now_ns()

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from etd.client import clock
-from etd.engine.calibration_process import CalibrationProcess
 from etd.files.calibration import load_calibration
+from etd.files.calibration_process import CalibrationProcess
 from etd.files.resources import find
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused

@@ -18,10 +18,10 @@ import msgspec
 import pytest
 
 from etd.client import clock
-from etd.engine.calibration_process import CalibrationProcess
 from etd.files import calibration_reading
 from etd.files.calibration import load_calibration, to_toml
 from etd.files.calibration_folder import MOST_FILE_BYTES
+from etd.files.calibration_process import CalibrationProcess
 from etd.files.resources import find
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused

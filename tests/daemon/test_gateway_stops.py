@@ -14,13 +14,10 @@ import pytest
 import zmq
 
 from etd.files import resources
-from etd.files.calibration import load_calibration
 from etd.gateway.inbound import InboundMessage, Unreadable, is_stop, read_request
-from etd.gateway.parsed_files import MOST, ParsedFiles
 from etd.gateway.request_queue import RequestQueue
 from etd.gateway.sockets import Sockets
 from etd.gateway.waiting import MOST_BYTES_OF_A_CLIENT, MOST_BYTES_OF_A_USER, MOST_OF_A_CLIENT
-from etd.protocol.errors import FileError
 from etd.protocol.link import StopNow
 from etd.protocol.messages import Stop
 from gateway_rig import GatewayRig
@@ -137,32 +134,6 @@ def test_a_client_that_sends_more_than_it_is_answered_is_refused_with_its_id(
     assert set(replies) == set(range(MOST_OF_A_CLIENT + 20)), "each has one reply"
     assert set(replies.values()) <= {None, "busy"}
     assert replies[0] is None
-
-
-def test_a_file_is_parsed_once_until_it_changes(tmp_path: Path) -> None:
-    path = tmp_path / "P01.toml"
-    path.write_bytes(LARGE.read_bytes())
-    parsed = ParsedFiles()
-    first = parsed.calibration(path)
-    assert parsed.calibration(path) is first
-    path.write_text(LARGE.read_text().replace("width_us = 100", "width_us = 90"))
-    assert parsed.calibration(path).width_us == 90
-    assert parsed.calibration(path) == load_calibration(path)
-    path.unlink()
-    with pytest.raises(FileError):
-        parsed.calibration(path)
-
-
-def test_only_so_many_files_are_kept(tmp_path: Path) -> None:
-    parsed, text = ParsedFiles(), resources.find("calibrations", "fake-fingertip-pad-8").read_text()
-    paths = [tmp_path / f"P{number}.toml" for number in range(MOST + 1)]
-    for path in paths:
-        path.write_text(text)
-    first = parsed.calibration(paths[0])
-    for path in paths[1:]:
-        last = parsed.calibration(path)
-    assert parsed.calibration(paths[-1]) is last
-    assert parsed.calibration(paths[0]) is not first
 
 
 def status(number: int) -> bytes:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from etd.gateway.journal import SUM_UP_NS, Journal
 from etd.gateway.lease import StandingLease
 from etd.protocol.messages import Halt, StateReport
+from scripted_engine import engine_hello
 
 
 def report(state: str, **fields: object) -> StateReport:
@@ -193,6 +194,19 @@ def test_a_loop_of_records_is_bounded_and_the_last_is_told() -> None:
         " problems; the last: the disk is full"
     )
     assert lines[-1] == "etd main: record 'after' begun"
+
+
+def test_an_engine_that_comes_and_goes_in_a_loop_is_told_in_short() -> None:
+    stream = io.StringIO()
+    journal = Journal("main", stream)
+    for _ in range(1_000):
+        journal.engine_found(engine_hello())
+        journal.engine_lost()
+    journal.refusals(Counter(), SUM_UP_NS)
+    lines = lines_of(journal, stream)
+    assert len(lines) <= 50
+    assert lines[0].startswith("etd main: engine there: scripted (fake), 4 electrodes")
+    assert "980 of them gone; the last: engine gone" in lines[-1]
 
 
 TEXT = st.text(max_size=50) | st.sampled_from(["\n", "\x1b[2J", "x\netd main: ARMED", "a" * 5_000])

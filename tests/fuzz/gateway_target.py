@@ -28,6 +28,7 @@ from fuzz.message_targets import engine_messages, request_seeds
 from fuzz.target import Target
 from gateway_rig import HandClock
 from raw_client import connected, hello, part, poured
+from read_in_place import read_in_place
 from scripted_engine import ELECTRODES, ScriptedEngine, full_answer
 
 _SOCKETS = (("control", "DEALER"), ("frames", "PUSH"), ("telemetry", "SUB"))
@@ -48,7 +49,7 @@ class _World:
         self.clock = HandClock()
         self.engine = ScriptedEngine(self.folder)
         config = GatewayConfig(name="fuzz", runtime_folder=self.folder, state_dir=root / "state")
-        self.gateway = Gateway(config, self.clock, self._read_clocks)
+        self.gateway = Gateway(config, self.clock, self._read_clocks, reader=read_in_place(config))
         self.clients: list[socket.socket] = []
         self._judged = 0
         self._lease = b""

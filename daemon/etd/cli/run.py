@@ -271,8 +271,8 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
 def _run_engine(
     args: argparse.Namespace, loaded: LoadedConfig, folder: Path, on_ready: Callable[[], None]
 ) -> int:
-    from etd.engine.calibration_process import CalibrationProcess
     from etd.engine.process import run_engine
+    from etd.files.calibration_process import CalibrationProcess
 
     # Before it has a device. The maxima are in it.
     close_memory()

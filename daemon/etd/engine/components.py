@@ -18,7 +18,7 @@ from etd.engine.findings import Findings
 from etd.engine.gateway_link import GatewayLink
 from etd.engine.machine_watch import MachineWatch
 from etd.engine.node_check import NodeCheck
-from etd.engine.opening import CalibrationReader, Opening
+from etd.engine.opening import Opening
 from etd.engine.pulse_log import PulseLog
 from etd.engine.reporting import Reporter
 from etd.engine.requests import Requests
@@ -27,6 +27,7 @@ from etd.engine.source_check import SourceCheck
 from etd.engine.stimulus_adapter import StimulusAdapter
 from etd.engine.stopper import StopperLiveness
 from etd.engine.timeouts import Timeouts
+from etd.files.calibration_process import CalibrationReader
 from etd.files.configuration import LoadedConfig
 from etd.firing import Firing
 from etd.safety.ledger import Bounds, Ledger

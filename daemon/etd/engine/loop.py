@@ -15,10 +15,11 @@ from collections.abc import Callable, Sequence
 from etd.engine.clearance import Cleared
 from etd.engine.components import components_of
 from etd.engine.idle_wait import TICK_NS
-from etd.engine.opening import CalibrationReader, GivenCalibrations
+from etd.engine.opening import GivenCalibrations
 from etd.engine.poller import Poller
 from etd.engine.sequencer import Sequencer
 from etd.engine.supervisor import Supervisor
+from etd.files.calibration_process import CalibrationReader
 from etd.files.configuration import LoadedConfig
 from etd.planning.schedule import AfterProbe, DuePulse
 from etd.protocol.errors import BoardFault, BusError, GuardRefusal

@@ -1,15 +1,15 @@
 """A lease that is being opened: its calibrations are read, and the loop does not wait for them.
 
 Owns: which command is under way, for how long at most, and that what was read is what was meant.
-Must not know: how a file is read (`calibration_process.py`), what a calibration allows, states.
-Time comes in.
+Must not know: how a file is read (`files/calibration_process.py`), what a calibration allows,
+states. Time comes in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
+from etd.files.calibration_process import CalibrationReader
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import check_digest, digest_of
 from etd.protocol.errors import Refused
@@ -22,22 +22,6 @@ from etd.protocol.peer import Peer
 READ_WITHIN_NS = 8_000_000_000
 
 
-class CalibrationReader(Protocol):
-    """One reading at a time. None of these waits."""
-
-    def begin(self, names: Sequence[str], gateway: Peer) -> None:
-        """`gateway`: who must not have been able to write them. Raises: Refused."""
-        ...
-
-    def result(self) -> tuple[Calibration, ...] | None:
-        """In the order of the names; None while they are read. Raises: Refused."""
-        ...
-
-    def cancel(self) -> None:
-        """What was begun is ended. Idempotent."""
-        ...
-
-
 class GivenCalibrations:
     """A reader of what is at hand: the calibrations of a record, or none."""
 
@@ -45,7 +29,7 @@ class GivenCalibrations:
         self._calibrations = calibrations
         self._wanted: tuple[str, ...] = ()
 
-    def begin(self, names: Sequence[str], _: Peer) -> None:
+    def begin(self, names: Sequence[str], _: Peer | None) -> None:
         """See `CalibrationReader`."""
         self._wanted = tuple(names)
 

@@ -16,10 +16,10 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from etd.engine.calibration_process import CalibrationProcess
 from etd.engine.loop import Engine
 from etd.engine.notify import Notifier
 from etd.engine.stopper import StopperThread
+from etd.files.calibration_process import CalibrationProcess
 from etd.files.configuration import LoadedConfig
 from etd.planning.duty import busy_fraction, told_of
 from etd.protocol.link import Listener

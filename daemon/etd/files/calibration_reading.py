@@ -1,4 +1,4 @@
-"""Calibrations read for the engine, in a process of its own that ends when it has answered.
+"""Calibrations read for the engine or the gateway, in a process that ends when it has answered.
 
 Owns: whose folder and file are trusted, how much of a file is read, and what the process gives up
 before it parses. Must not know: the engine, boards, what a calibration allows.
@@ -41,13 +41,14 @@ _LIFE_S = 20
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True):
     """`shipped`: the folder of the program's own, where they may be named; it is trusted as the
-    program is. `gateway`: who must not have been able to write.
+    program is. `gateway`: who must not have been able to write; None: it is the gateway that asks,
+    for what it shows to clients.
     """
 
     names: tuple[Name, ...]
     folder: str
     shipped: str | None
-    gateway: Peer
+    gateway: Peer | None
 
 
 class Found(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,7 +85,7 @@ def answer_to(asked: Asked, give_up: Callable[[], None]) -> bytes:
         found = Found(error="bad_calibration", reason=str(error))
     except OSError as error:
         code: ErrorCode = "not_found" if isinstance(error, FileNotFoundError) else "bad_calibration"
-        why = f"the engine cannot read {error.filename}: {error.strerror}"
+        why = f"{error.filename} cannot be read: {error.strerror}"
         found = Found(error=code, reason=why)
     except MemoryError:
         found = Found(error="bad_calibration", reason="a calibration takes too much memory")
@@ -104,6 +105,8 @@ def _read(name: str, asked: Asked) -> tuple[Path, bytes]:
     path, shipped = own / f"{name}.toml", Path(asked.shipped or own) / f"{name}.toml"
     if asked.shipped is not None and not os.path.lexists(path):
         return shipped, bytes_of(shipped, trust.open_own(shipped, os.O_RDONLY))
+    if asked.gateway is None:
+        return path, bytes_of(path, trust.open_own(path, os.O_RDONLY))
     if asked.gateway.uid == os.geteuid():
         # Both are one user's: only others are to be kept apart.
         paths.check_own(own)

@@ -18,8 +18,10 @@ from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import LeaseView, StandingLease
 from etd.gateway.opening import opening
-from etd.gateway.pending import MAX_WAIT_NS, Done, PendingRequest, PendingRequests
+from etd.gateway.pending import MAX_WAIT_NS, Awaited, Done, PendingRequest, PendingRequests
+from etd.gateway.readings import CalibrationReadings
 from etd.gateway.records import RecordHandler
+from etd.gateway.stops import Stops
 from etd.gateway.store import CalibrationStore
 from etd.gateway.telemetry import Publisher
 from etd.protocol.errors import Refused
@@ -36,7 +38,6 @@ from etd.protocol.link import (
     MeasureContact,
     SayFelt,
     SetMark,
-    StopNow,
 )
 from etd.protocol.messages import (
     AccountOf,
@@ -62,12 +63,10 @@ from etd.protocol.messages import (
     Success,
 )
 
-#: These read or write files, or list a folder of them: at a thousand, 2 ms of the processor.
+#: These look at files or write them, or list a folder: at a thousand, 2 ms of the processor.
 SLOW: Final = (GetCalibration, Hello, Open, Record)
 #: Why a lease is not one's own, or not any more.
 _NOT_THE_HOLDERS: Final = ("no_lease", "other_lease")
-#: A request that the engine has got: the ref of its answer, and what makes a reply of that.
-_Sent = tuple[int, Done]
 
 
 class ControlHandler:
@@ -84,6 +83,9 @@ class ControlHandler:
         publisher: Publisher,
         pending: PendingRequests,
         records: RecordHandler,
+        stops: Stops,
+        store: CalibrationStore,
+        readings: CalibrationReadings,
     ) -> None:
         self._config = config
         self._endpoints = endpoints
@@ -94,11 +96,11 @@ class ControlHandler:
         self._pending = pending
         self._operators = operators
         self._records = records
-        folder = config.calibrations or config.state_dir / "calibrations"
-        self._store = CalibrationStore(folder, config.shipped_calibrations)
-        self._handlers: dict[type, Callable[[Any, InboundMessage], Success | _Sent]] = {
+        self._stops = stops
+        self._store = store
+        self._readings = readings
+        self._handlers: dict[type, Callable[[Any, InboundMessage], Success | Awaited]] = {
             Hello: self._hello,
-            Stop: self._stop,
             Open: self._open,
             Keep: self._keep,
             Close: self._close,
@@ -119,13 +121,15 @@ class ControlHandler:
         """The reply, or None if it comes from the engine later. Raises: Refused."""
         if isinstance(request, Status):
             return StatusReply(ok=True, now_ns=now_ns, status=self._publisher.state(now_ns))
+        if isinstance(request, Stop):
+            self._stops.ask(request, inbound, now_ns)
+            return None
         reply = self._handlers[type(request)](request, inbound)
         if isinstance(reply, Success):
             return reply
-        ref, done = reply
         deadline_ns = now_ns + MAX_WAIT_NS
-        is_stop = isinstance(request, Stop)
-        self._pending.add(ref, PendingRequest(inbound, request.id, done, deadline_ns, is_stop))
+        pending = PendingRequest(inbound, request.id, reply.done, deadline_ns, reply.kind)
+        self._pending.add(reply.ref, pending)
         return None
 
     def _hello(self, _request: Hello, _: InboundMessage) -> Success:
@@ -138,27 +142,24 @@ class ControlHandler:
             default_calibration=self._config.default_calibration,
         )
 
-    def _stop(self, request: Stop, inbound: InboundMessage) -> _Sent:
-        """Sent even if too many requests wait for an answer already."""
-        client = request.client or f"user {inbound.uid}"
-        try:
-            ref = self._pending.next_ref(is_stop=True)
-        except Refused:
-            self._engine.stop(StopNow(ref=0, client=client))
-            raise
-        self._engine.stop(StopNow(ref=ref, client=client))
-        return ref, replies.done
-
-    def _open(self, request: Open, inbound: InboundMessage) -> _Sent:
+    def _open(self, request: Open, inbound: InboundMessage) -> Success | Awaited:
         self._engine.engine_hello()
         if (request.calibration is None) == (request.limits is None):
             raise Refused(
                 "limits_missing" if request.limits is None else "bad_message",
                 "open needs either a calibration or limits (max_current_ua and width_us)",
             )
+        names = _names_of(request.calibration)
+        if names:
+            self._store.check_kept()
+        return self._once_read(names, inbound, lambda: self._opened(request, inbound))
+
+    def _opened(self, request: Open, inbound: InboundMessage) -> Success | Awaited:
+        """Once its calibrations were read."""
         token = secrets.token_hex(16)
-        calibrations = self._store.named(request.calibration, self._offers_shipped())
-        command = opening(request, token, calibrations, self._pending.next_ref())
+        names = _names_of(request.calibration)
+        calibrations = self._store.named(names, self._offers_shipped())
+        command = opening(request, token, calibrations, self._pending.next_engine_ref())
 
         def granted(answer: Answer) -> Success:
             lease = StandingLease(token, request.client, inbound.uid, calibrations, request.limits)
@@ -168,44 +169,44 @@ class ControlHandler:
 
         return self._sent(command, granted)
 
-    def _close(self, request: Close, inbound: InboundMessage) -> _Sent:
+    def _close(self, request: Close, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
 
         def closed(answer: Answer) -> Success:
             self._leases.end(lease, "closed")
             return replies.done(answer)
 
-        return self._sent(CloseLease(ref=self._pending.next_ref(), lease=lease), closed)
+        return self._sent(CloseLease(ref=self._pending.next_engine_ref(), lease=lease), closed)
 
-    def _keep(self, request: Keep, inbound: InboundMessage) -> _Sent:
+    def _keep(self, request: Keep, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
-        return self._sent(KeepLease(ref=self._pending.next_ref(), lease=lease))
+        return self._sent(KeepLease(ref=self._pending.next_engine_ref(), lease=lease))
 
-    def _disarm(self, request: Disarm, inbound: InboundMessage) -> _Sent:
+    def _disarm(self, request: Disarm, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
-        return self._sent(DisarmBoard(ref=self._pending.next_ref(), lease=lease))
+        return self._sent(DisarmBoard(ref=self._pending.next_engine_ref(), lease=lease))
 
-    def _arm(self, _: Arm, inbound: InboundMessage) -> _Sent:
+    def _arm(self, _: Arm, inbound: InboundMessage) -> Awaited:
         self._operators.check(inbound.uid)
-        return self._sent(ArmBoard(ref=self._pending.next_ref()), replies.armed)
+        return self._sent(ArmBoard(ref=self._pending.next_engine_ref()), replies.armed)
 
-    def _clear(self, _: Clear, inbound: InboundMessage) -> _Sent:
+    def _clear(self, _: Clear, inbound: InboundMessage) -> Awaited:
         self._operators.check(inbound.uid)
-        return self._sent(ClearHalt(ref=self._pending.next_ref()))
+        return self._sent(ClearHalt(ref=self._pending.next_engine_ref()))
 
-    def _measure(self, request: Measure, inbound: InboundMessage) -> _Sent:
+    def _measure(self, request: Measure, inbound: InboundMessage) -> Awaited:
         # It puts the supply on, and fires at every electrode.
         self._operators.check(inbound.uid)
         lease = self._held(request.lease, inbound)
-        command = MeasureContact(ref=self._pending.next_ref(), lease=lease)
+        command = MeasureContact(ref=self._pending.next_engine_ref(), lease=lease)
         return self._sent(command, replies.measured)
 
-    def _mark(self, request: Mark, inbound: InboundMessage) -> _Sent:
+    def _mark(self, request: Mark, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
-        command = SetMark(ref=self._pending.next_ref(), lease=lease, tag=request.tag)
+        command = SetMark(ref=self._pending.next_engine_ref(), lease=lease, tag=request.tag)
         return self._sent(command, replies.marked)
 
-    def _felt(self, request: Felt, inbound: InboundMessage) -> _Sent:
+    def _felt(self, request: Felt, inbound: InboundMessage) -> Awaited:
         """With the lease, anything; without it, or with one that has ended, only what lowers."""
         lease = None
         if request.lease is not None:
@@ -215,38 +216,57 @@ class ControlHandler:
                 if request.answer != "too_strong" or refused.code not in _NOT_THE_HOLDERS:
                     raise
         command = SayFelt(
-            ref=self._pending.next_ref(),
+            ref=self._pending.next_engine_ref(),
             answer=request.answer,
             electrodes=request.electrodes,
             lease=lease,
         )
         return self._sent(command, replies.heard)
 
-    def _account(self, request: AccountOf, inbound: InboundMessage) -> _Sent:
+    def _account(self, request: AccountOf, inbound: InboundMessage) -> Awaited:
         """Also of the lease that ended last: what was fired until then can still be asked for."""
         if not self._leases.has_ended(request.lease, inbound.uid):
             self._held(request.lease, inbound)
-        command = AskAccount(ref=self._pending.next_ref(), lease=request.lease, seq=request.seq)
+        command = AskAccount(
+            ref=self._pending.next_engine_ref(), lease=request.lease, seq=request.seq
+        )
         return self._sent(command, replies.accounted)
 
-    def _frame(self, request: FrameRequest, inbound: InboundMessage) -> _Sent:
+    def _frame(self, request: FrameRequest, inbound: InboundMessage) -> Awaited:
         lease = self._frames.check(request, inbound.uid)
-        ref = self._pending.next_ref()
+        ref = self._pending.next_engine_ref()
         self._frames.pass_on(request, lease, ref)
-        return ref, functools.partial(replies.framed, request.seq)
+        return Awaited(ref, functools.partial(replies.framed, request.seq))
 
-    def _calibration(self, request: GetCalibration, _: InboundMessage) -> Success:
-        calibration = None
-        if request.do == "get":
-            if request.name is None:
-                raise Refused("bad_message", "calibration with do = get needs the key name")
-            calibration = self._store.get(request.name, self._offers_shipped())
-        names = self._store.names(self._offers_shipped())
+    def _calibration(self, request: GetCalibration, inbound: InboundMessage) -> Success | Awaited:
+        if request.do == "list":
+            return self._named(None)
+        if request.name is None:
+            raise Refused("bad_message", "calibration with do = get needs the key name")
+        name = request.name
+        return self._once_read((name,), inbound, lambda: self._named(name))
+
+    def _named(self, name: str | None) -> CalibrationReply:
+        """All names, and the calibration of one of them."""
+        with_shipped = self._offers_shipped()
+        calibration = None if name is None else self._store.get(name, with_shipped)
+        names = self._store.names(with_shipped)
         return CalibrationReply(ok=True, now_ns=0, names=names, calibration=calibration)
 
-    def _sent(self, command: Command, done: Done = replies.done) -> _Sent:
+    def _once_read(
+        self, names: tuple[str, ...], inbound: InboundMessage, done: Callable[[], Success | Awaited]
+    ) -> Success | Awaited:
+        """At once, where all of them were read and are as they were."""
+        unread = self._store.unread(names, self._offers_shipped())
+        if not unread:
+            return done()
+        ref = self._pending.next_reading_ref(inbound.uid)
+        self._readings.ask(ref, inbound.uid, unread)
+        return Awaited(ref, lambda _: done(), "reading")
+
+    def _sent(self, command: Command, done: Done = replies.done) -> Awaited:
         self._engine.command(command)
-        return command.ref, done
+        return Awaited(command.ref, done)
 
     def _held(self, token: str, inbound: InboundMessage) -> str:
         """The lease named, if it stands. Raises: Refused (`engine_gone`, `halted`, the lease's)."""
@@ -257,3 +277,7 @@ class ControlHandler:
     def _offers_shipped(self) -> bool:
         """The shipped calibrations are for the fake's body: never for a real board."""
         return self._engine.is_there and self._engine.engine_hello().board.backend == "fake"
+
+
+def _names_of(calibration: str | tuple[str, ...] | None) -> tuple[str, ...]:
+    return (calibration,) if isinstance(calibration, str) else calibration or ()

@@ -145,6 +145,9 @@ class Journal:
         self._silent_ns: dict[str, int] = {}
         self._leases = LeaseLog()
         self._states = _SummedUp(self._log, "changes of state, {} of them HALTED")
+        self._engines = _SummedUp(
+            self._log, "lines of an engine that came or went, {} of them gone"
+        )
         self._records = _SummedUp(self._log, "lines of records, {} of them problems")
         #: The record that is written, and why the last one ended by itself.
         self._record: tuple[str | None, str | None] = None, None
@@ -167,14 +170,17 @@ class Journal:
     def engine_found(self, engine_hello: EngineHello) -> None:
         board, electrodes = engine_hello.board, engine_hello.array.electrodes
         absent = ", ".join(board.absent_guards) or "none"
-        text = "engine there: %s (%s), %d electrodes; absent guards: %s"
-        self._log.info(text, board.name, board.backend, electrodes, absent)
+        self._engines.tell(
+            logging.INFO,
+            f"engine there: {board.name} ({board.backend}), {electrodes} electrodes; absent guards:"
+            f" {absent}",
+        )
 
     def engine_lost(self) -> None:
         self._state = ""
         self._silent_ns.clear()
         self._told.clear()
-        self._log.error("engine gone: nothing is stimulated, and no lease stands")
+        self._engines.tell(logging.ERROR, "engine gone: nothing is stimulated, and no lease stands")
 
     def asked_to_end(self) -> None:
         self._log.info("asked to end")
@@ -254,6 +260,7 @@ class Journal:
         self._summed_ns = now_ns
         for line in self._leases.summary():
             self._log.info("%s", line)
+        self._engines.sum_up()
         self._states.sum_up()
         self._records.sum_up()
         news = counters - self._refused

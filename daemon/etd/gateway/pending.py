@@ -1,40 +1,55 @@
-"""Requests that wait for the engine's answer.
+"""Requests that wait for an answer: of the engine, or of the process that reads calibrations.
 
-Owns: refs, their bound, and how long a request may wait. Must not know: what was requested.
+Owns: refs, their bounds, and how long a request may wait. Must not know: what was requested.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 from etd.gateway.inbound import InboundMessage
 from etd.protocol.errors import Refused
 from etd.protocol.link import Answer
 from etd.protocol.messages import Id, Success
 
-#: More than these under way are refused.
+#: More than these under way at the engine are refused; stops have a bound of their own.
 MAX_REQUESTS = 32
-#: Stops are counted separately, so that they are answered while other requests are refused.
-MAX_STOPS = 32
+#: Of a user, so many that wait for a calibration to be read.
+MAX_READS_OF_A_USER = 8
 #: Arming may take seconds; after this long an answer is not expected any more.
 MAX_WAIT_NS = 15_000_000_000
 
 
-#: What makes a reply of an answer: or else the ref of another one to wait for, and what makes it of
-#: that.
-Done = Callable[[Answer], "Success | tuple[int, Done]"]
+#: What a request waits for.
+Kind = Literal["engine", "reading", "stop"]
+#: What makes a reply of an answer, or else names another one to wait for.
+Done = Callable[[Answer], "Success | Awaited"]
+
+
+class Awaited(NamedTuple):
+    """The ref of an answer, and what makes a reply of it."""
+
+    ref: int
+    done: Done
+    kind: Kind = "engine"
 
 
 @dataclass(frozen=True, slots=True)
 class PendingRequest:
-    """`done` makes the reply from an answer without an error."""
+    """`done` makes the reply from an answer without an error. `others`: who has the same reply."""
 
     inbound: InboundMessage
     id: Id | None
     done: Done
     deadline_ns: int
-    is_stop: bool = False
+    kind: Kind = "engine"
+    others: list[tuple[InboundMessage, Id | None]] = field(default_factory=list)
+
+    @property
+    def all_of_them(self) -> tuple[tuple[InboundMessage, Id | None], ...]:
+        return (self.inbound, self.id), *self.others
 
 
 class PendingRequests:
@@ -44,13 +59,35 @@ class PendingRequests:
         self._pending: dict[int, PendingRequest] = {}
         self._last_ref = 0
 
-    def next_ref(self, is_stop: bool = False) -> int:
-        """A ref to send along. Raises: Refused (`busy`) if too many wait already."""
-        same = sum(request.is_stop == is_stop for request in self._pending.values())
-        if same >= (MAX_STOPS if is_stop else MAX_REQUESTS):
-            raise Refused("busy", f"{same} requests are waiting for the engine: send again")
+    def next_ref(self) -> int:
+        """A ref to send along, of what has a bound of its own."""
         self._last_ref += 1
         return self._last_ref
+
+    def next_engine_ref(self) -> int:
+        """Raises: Refused (`busy`) if too many wait for the engine already."""
+        count = sum(request.kind == "engine" for request in self._pending.values())
+        if count >= MAX_REQUESTS:
+            raise Refused("busy", f"{count} requests are waiting for the engine: send again")
+        return self.next_ref()
+
+    def next_reading_ref(self, uid: int) -> int:
+        """Raises: Refused (`busy`) if too many of this user wait for a calibration already."""
+        count = sum(
+            request.kind == "reading" and request.inbound.uid == uid
+            for request in self._pending.values()
+        )
+        if count >= MAX_READS_OF_A_USER:
+            raise Refused(
+                "busy", f"{count} requests of this user wait for a calibration: send again"
+            )
+        return self.next_ref()
+
+    def get(self, ref: int) -> PendingRequest | None:
+        return self._pending.get(ref)
+
+    def has(self, ref: int) -> bool:
+        return ref in self._pending
 
     def add(self, ref: int, pending: PendingRequest) -> None:
         """Call after the command with this ref has been sent."""

@@ -13,7 +13,7 @@ from etd.gateway.config import Operators
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import StandingLease
-from etd.gateway.pending import Done, PendingRequests
+from etd.gateway.pending import Awaited, PendingRequests
 from etd.gateway.record_store import RecordStore
 from etd.gateway.recorder import Recorder
 from etd.protocol.errors import Refused
@@ -44,7 +44,7 @@ class RecordHandler:
         #: The requests to stop that wait for the disk: their refs, and until when.
         self._awaiting: list[tuple[int, int]] = []
 
-    def handle(self, request: Record, inbound: InboundMessage) -> Success | tuple[int, Done]:
+    def handle(self, request: Record, inbound: InboundMessage) -> Success | Awaited:
         """The reply, or what makes it of the engine's answer to its ref. Raises: Refused."""
         if request.do == "start":
             self.start(_name_of(request), inbound.uid)
@@ -52,9 +52,9 @@ class RecordHandler:
             self._check_stop(inbound)
             if self._engine.is_there:
                 # What the engine has gathered comes before its answer.
-                ref = self._pending.next_ref()
+                ref = self._pending.next_engine_ref()
                 self._engine.command(RecordPulses(ref=ref, is_on=False))
-                return ref, functools.partial(self._stop, self._recorder.serial)
+                return Awaited(ref, functools.partial(self._stop, self._recorder.serial))
             return self._stop(self._recorder.serial)
         elif request.do == "get":
             name = _name_of(request)
@@ -115,15 +115,15 @@ class RecordHandler:
         self._awaiting = [it for it in self._awaiting if it[0] not in due]
         return [Answer(ref=ref) for ref in due]
 
-    def _stop(self, serial: int, _: Answer | None = None) -> tuple[int, Done]:
+    def _stop(self, serial: int, _: Answer | None = None) -> Awaited:
         """The reply comes when the disk has all; meanwhile the gateway serves everyone. One that
         was begun since the request came goes on: it may be another user's.
         """
-        ref, now_ns = self._pending.next_ref(), self._clock.now_ns()
+        ref, now_ns = self._pending.next_engine_ref(), self._clock.now_ns()
         if serial == self._recorder.serial:
             self._recorder.stop("stopped", now_ns)
         self._awaiting.append((ref, now_ns + CLOSED_NS))
-        return ref, lambda _: self._stopped()
+        return Awaited(ref, lambda _: self._stopped())
 
     def _stopped(self) -> RecordReply:
         reply, name = self._reply(), self._recorder.closing

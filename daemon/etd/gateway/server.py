@@ -12,6 +12,7 @@ from collections import Counter
 
 import msgspec
 
+from etd.files.calibration_process import CalibrationProcess, CalibrationReader
 from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, Operators
 from etd.gateway.control import SLOW, ControlHandler
@@ -23,12 +24,15 @@ from etd.gateway.journal import Journal
 from etd.gateway.last_frames import LastFrames
 from etd.gateway.lease import LeaseView
 from etd.gateway.pending import PendingRequest, PendingRequests
+from etd.gateway.readings import CalibrationReadings
 from etd.gateway.record_file import Disk
 from etd.gateway.record_store import RecordStore
 from etd.gateway.recorder import ReadClocks, Recorder
 from etd.gateway.records import RecordHandler
 from etd.gateway.request_queue import RequestQueue
 from etd.gateway.sockets import Sockets
+from etd.gateway.stops import Stops
+from etd.gateway.store import CalibrationStore
 from etd.gateway.streams import Streams
 from etd.gateway.telemetry import Publisher
 from etd.gateway.wall_clock import read_clocks
@@ -41,6 +45,11 @@ from etd_hal.ports import Clock
 REQUESTS_A_TURN = 64
 #: While there is no engine, the gateway tries to connect this often.
 CONNECT_NS = 200_000_000
+#: While a calibration is read, it is looked so often whether that is done.
+_READING_MS = 5
+_TOO_LATE = (
+    "there was no answer within 15 s, of the engine or from the reading of a calibration: ask again"
+)
 #: At its end the gateway waits so long for a slow disk to take the end of a record.
 _LAST_LINES_S = 2.0
 
@@ -59,8 +68,11 @@ class Gateway:
         clock: Clock,
         read_clocks: ReadClocks = read_clocks,
         disk: Disk | None = None,
+        reader: CalibrationReader | None = None,
     ) -> None:
-        """`read_clocks`: the wall's time beside `clock`. `disk`: that records are on."""
+        """`read_clocks`: the wall's time beside `clock`. `disk`: that records are on. `reader`: of
+        calibrations; None: a process for each.
+        """
         check_name(config.name)
         operators = Operators(config.operators)
         prepare_runtime(config.runtime_folder)
@@ -86,6 +98,11 @@ class Gateway:
         self._publisher = Publisher(
             self._sockets.telemetry, self._engine, self.counters, self._recorder
         )
+        folder = config.calibrations or config.state_dir / "calibrations"
+        calibrations = CalibrationStore(folder, config.shipped_calibrations)
+        reader = reader or CalibrationProcess(folder, config.shipped_calibrations, None)
+        self._readings = CalibrationReadings(reader, calibrations.read)
+        self._stops = Stops(self._engine, self._pending)
         frames = FrameHandler(self._engine, self._leases, shown)
         self._streams = Streams(self._sockets.frames, frames, self.counters, self._record_streamed)
         self._records = records = RecordHandler(
@@ -101,6 +118,9 @@ class Gateway:
             self._publisher,
             self._pending,
             records,
+            self._stops,
+            calibrations,
+            self._readings,
         )
         self._journal = Journal(config.name)
         self._alive_due_ns = 0
@@ -110,16 +130,16 @@ class Gateway:
 
     def step(self, timeout_ms: int = 50) -> None:
         """Wait at most `timeout_ms` for a message, then handle what arrived."""
-        self._wait(timeout_ms if self._requests.is_idle else 0)
+        self._wait(timeout_ms if self._readings.is_idle else min(timeout_ms, _READING_MS))
         self._stay_in_touch()
         self._answer_requests()
         self._hear_engine()
         self._pass_on_frames()
         now_ns = self._clock.now_ns()
-        self._give_up_on(self._pending.take_late(now_ns), "the engine did not answer within 15 s")
+        self._give_up_on(self._pending.take_late(now_ns), _TOO_LATE)
         self.counters.update(self._sockets.take_counts())
         self._recorder.look(now_ns)
-        for answer in self._records.written(now_ns):
+        for answer in (*self._records.written(now_ns), *self._readings.answers(now_ns)):
             self._settle(answer)
         self._publisher.repeat_state(now_ns)
         self._journal.record(self._recorder.running, self._recorder.problem)
@@ -129,6 +149,7 @@ class Gateway:
     def close(self) -> None:
         """Idempotent. The engine sees the link end and falls silent."""
         self._recorder.stop("ended", self._clock.now_ns())
+        self._readings.close()
         self._engine.hang_up()
         self._sockets.close()
         # Last: this blocks, and by now the link and the sockets are closed.
@@ -139,6 +160,8 @@ class Gateway:
         self._journal.close()
 
     def _wait(self, timeout_ms: int) -> None:
+        if not self._requests.is_idle:
+            timeout_ms = 0
         due_ns = self._alive_due_ns if self._engine.is_connected else self._connect_due_ns
         left_ms = max(0, -((self._clock.now_ns() - due_ns) // 1_000_000))
         self._sockets.wait(self._engine.filenos(), min(timeout_ms, left_ms))
@@ -224,6 +247,8 @@ class Gateway:
         if pending is None:
             self.counters["answers_too_late"] += 1
             return
+        if pending.kind == "stop":
+            self._stops.answered(answer.ref)
         try:
             if answer.error is not None:
                 raise Refused(
@@ -235,13 +260,15 @@ class Gateway:
                 )
             reply = pending.done(answer)
         except Refused as refusal:
-            self._refuse(pending.inbound, pending.id, refusal)
+            for inbound, id_of_it in pending.all_of_them:
+                self._refuse(inbound, id_of_it, refusal)
             return
         if isinstance(reply, Success):
-            self._reply(pending.inbound, pending.id, reply)
+            for inbound, id_of_it in pending.all_of_them:
+                self._reply(inbound, id_of_it, reply)
         else:
-            ref, done = reply
-            self._pending.add(ref, dataclasses.replace(pending, done=done))
+            follows = dataclasses.replace(pending, done=reply.done, kind=reply.kind)
+            self._pending.add(reply.ref, follows)
 
     def _pass_on_frames(self) -> None:
         refusals = self._streams.drain()
@@ -272,8 +299,9 @@ class Gateway:
 
     def _give_up_on(self, pending: list[PendingRequest], why: str) -> None:
         for request in pending:
-            self.counters["refused_engine_gone"] += 1
-            self._refuse(request.inbound, request.id, Refused("engine_gone", why))
+            for inbound, id_of_it in request.all_of_them:
+                self.counters["refused_engine_gone"] += 1
+                self._refuse(inbound, id_of_it, Refused("engine_gone", why))
 
     def _refuse(self, inbound: InboundMessage, id: Id | None, refusal: Refused) -> None:  # noqa: A002
         failure = Failure(ok=False, now_ns=self._clock.now_ns(), id=id, **refusal.fields)

@@ -1,10 +1,10 @@
-"""The process that reads calibrations for the engine: started, heard and ended without waiting.
+"""The process that reads calibrations for another one: started, heard and ended without waiting.
 
 Owns: what it inherits, how much it may answer, and what its end means. Must not know: what it
 reads, how files are trusted (`files/calibration_reading.py`), leases.
 
 A program of its own and no fork: it inherits one pipe, and no device, socket or memory of the
-engine. Its answer is decoded as any message of another process is.
+engine or of the gateway. Its answer is decoded as any message of another process is.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 
@@ -30,8 +31,23 @@ _ENDS_WITHIN_S = 2.0
 _decoder = msgspec.msgpack.Decoder(Found)
 
 
+class CalibrationReader(Protocol):
+    """One reading at a time. None of these waits."""
+
+    def begin(self, names: Sequence[str], gateway: Peer | None) -> None:
+        """`gateway`: who must not have been able to write them; None: it reads for itself. Raises:
+        Refused.
+        """
+
+    def result(self) -> tuple[Calibration, ...] | None:
+        """In the order of the names; None while they are read. Raises: Refused."""
+
+    def cancel(self) -> None:
+        """What was begun is ended. Idempotent."""
+
+
 class CalibrationProcess:
-    """See `opening.CalibrationReader`. `shipped`: for a fake's body only. `module`: whose `main`
+    """See `CalibrationReader`. `shipped`: for a fake's body only. `module`: whose `main`
     the process calls.
     """
 
@@ -51,7 +67,7 @@ class CalibrationProcess:
         self._said = bytearray()
         self._wanted = self._status = 0
 
-    def begin(self, names: Sequence[str], gateway: Peer) -> None:
+    def begin(self, names: Sequence[str], gateway: Peer | None) -> None:
         """Raises: Refused (`busy`, `bad_calibration`)."""
         if self._process is not None and not self._is_over():
             raise Refused("busy", "the last reading of a calibration is still ending: ask again")
