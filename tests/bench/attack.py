@@ -1,10 +1,8 @@
 """`make bench-attack`: a stop while strangers do to the gateway what they can.
 
-Owns: the strangers (connections that send nothing, messages without end, subscriptions without end,
-clients that never read, arrays that decode to much, slow requests, floods, also from many processes
-of one user), each a process of its own at nice 19; how long a stop takes to the engine and back
+Owns: the strangers' processes, each at nice 19; how long a stop takes to the engine and back
 meanwhile; and the gateway's memory and descriptors. Exit status 1 where a bound is not met. Must
-not know: how the gateway defends itself.
+not know: what a stranger does (`strangers.py`), how the gateway defends itself.
 
 The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is on this machine.
 """
@@ -12,15 +10,11 @@ The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import itertools
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -36,218 +30,20 @@ from rich.table import Table  # noqa: E402
 
 from bench.latency import ended, wait_for_engine  # noqa: E402
 from bench.run import Bound, at_most  # noqa: E402
+from bench.strangers import STRANGERS, Stranger, client_of, pour_stops  # noqa: E402
 from etd.client import clock  # noqa: E402
-from etd.files.paths import CONTROL, FRAMES, TELEMETRY  # noqa: E402
-from raw_client import connected, connected_by_others, hello, part, poured  # noqa: E402
+from etd.files.paths import TELEMETRY  # noqa: E402
 
 _HERE = Path(__file__).resolve().parent
-STOPS, CONNECTS, PROCESSES = 200, 2_000, 70
+STOPS = 200
 #: Of a stop: until the engine has heard it, and until its reply is there; and of the gateway.
 HEARD_P99_MS, ANSWERED_P99_MS = 20.0, 50.0
 MOST_MB, MOST_DESCRIPTORS = 100.0, 300
 _WITHIN_MS = 10_000
-_LARGE = b"x" * 60_000
-#: Of each form that a frame has, as large as a message may be; one of them with as many electrodes
-#: as there may be.
-_ARRAYS = tuple(
-    b'{"op":"frame","lease":"x","seq":1,%s]}' % form
-    for form in (
-        b'"returns":[' + b",".join([b"[0]"] * 16_300),
-        b'"returns":[' + b",".join([b"[%s]" % b",".join([b"257"] * 63)] * 256),
-        b'"level":[' + b",".join([b"0.5"] * 16_300),
-    )
-)
+#: Other stops than those that are measured.
+_POURED = pour_stops.__name__
 #: So long they have been at it when the first stop is measured.
 _LOADED_S = 2.0
-#: In each of its folders, as many as may be there.
-_KEPT = 1_000
-
-#: An attack, turn by turn.
-Turns = Generator[None, None, None]
-Stranger = Callable[[Path], Turns]
-
-
-# --- what strangers do ---------------------------------------------------------------------------
-
-
-def connect_only(folder: Path) -> Turns:
-    """Two thousand connections to both sockets that never send a byte, again and again."""
-    while True:
-        with ExitStack() as stack:
-            for number in range(CONNECTS):
-                with contextlib.suppress(BlockingIOError):
-                    stack.enter_context(connected(folder / (CONTROL, TELEMETRY)[number % 2]))
-                if number % 50 == 49:
-                    yield
-                    clock.sleep_s(0.01)
-
-
-def endless_multipart(folder: Path) -> Turns:
-    """One message that never ends, and once it is cut off the next one."""
-    while True:
-        for _ in _pour(folder / CONTROL, hello("DEALER"), lambda: part(_LARGE, more=True)):
-            yield
-            clock.sleep_s(0.001)
-
-
-def subscribe_without_end(folder: Path) -> Turns:
-    """A topic that is another one each time."""
-    numbers = itertools.count()
-
-    def topics() -> bytes:
-        return b"".join(part(b"\x01%040d" % next(numbers)) for _ in range(100))
-
-    while True:
-        for _ in _pour(folder / TELEMETRY, hello("SUB"), topics):
-            yield
-            clock.sleep_s(0.001)
-
-
-def never_read(folder: Path) -> Turns:
-    """Requests whose refusals quote what was sent, from a hundred clients that read no reply."""
-    asked = part(json.dumps({"op": _LARGE.decode()}).encode())
-    while True:
-        with ExitStack() as stack:
-            pouring = [_pour(folder / CONTROL, hello("DEALER"), lambda: asked) for _ in range(100)]
-            for one in pouring:
-                stack.callback(one.close)
-            while pouring:
-                pouring = [one for one in pouring if next(one, "ended") is None]
-                yield
-                clock.sleep_s(0.01)
-
-
-def send_large_arrays(folder: Path) -> Turns:
-    """Frames of a few bytes an element, which take fifty once they are decoded: as fast as they are
-    answered, by a client without a lease; and on connections that have not read what came before.
-    """
-    asked = part(b'{"op": "calibration", "do": "get", "name": "fake-fingertip"}') * 40
-    frames = itertools.cycle(_ARRAYS)
-    with _connected(folder, zmq.DEALER) as client, ExitStack() as stack:
-        first = hello("DEALER") + asked
-        pouring = [_pour(folder / CONTROL, first, lambda: part(next(frames))) for _ in range(60)]
-        for one in pouring:
-            stack.callback(one.close)
-        while True:
-            pouring = [one for one in pouring if next(one, "ended") is None]
-            for frame in _ARRAYS:
-                client.send(frame)
-            while client.poll(20):
-                client.recv()
-            yield
-
-
-def ask_for_slow_things(folder: Path) -> Turns:
-    """Calibrations, as many at once as fit."""
-    asked = b'{"op": "calibration", "do": "get", "name": "fake-fingertip-grid-16x16"}'
-    with _connected(folder, zmq.DEALER) as client:
-        while True:
-            for _ in range(64):
-                client.send(asked)
-            while client.poll(20):
-                client.recv()
-            yield
-
-
-def ask_for_full_folders(folder: Path) -> Turns:
-    """Twenty clients that want to know of a thousand records and of as many calibrations."""
-    for kept, suffix in (("records", "jsonl"), ("calibrations", "toml")):
-        (folder / "state" / kept).mkdir(mode=0o750, parents=True, exist_ok=True)
-        for number in range(_KEPT):
-            (folder / "state" / kept / f"kept-{number}.{suffix}").touch(mode=0o640)
-    asked = (b'{"op": "record", "do": "list"}', b'{"op": "hello"}')
-    with ExitStack() as stack:
-        clients = [stack.enter_context(_connected(folder, zmq.DEALER)) for _ in range(20)]
-        while True:
-            for client, request in itertools.product(clients, asked):
-                client.send(request)
-                while client.poll(0):
-                    client.recv()
-            yield
-            clock.sleep_s(0.001)
-
-
-def flood(folder: Path) -> Turns:
-    """Requests as they can be sent."""
-    with _connected(folder, zmq.DEALER) as client:
-        while True:
-            client.send(b'{"op": "status"}')
-            while client.poll(0):
-                client.recv()
-            yield
-
-
-def many_processes(folder: Path) -> Turns:
-    """Requests as they can be sent, short ones and long ones, by seventy connections of as many
-    processes: children that connect, hand the connection back and end.
-    """
-    asked = itertools.cycle([part(b'{"op": "status"}') * 50, *map(part, _ARRAYS)])
-    with ExitStack() as stack:
-        unsent: dict[socket.socket, bytes] = {}
-        for made in connected_by_others(folder / CONTROL, PROCESSES):
-            unsent[stack.enter_context(made)] = hello("DEALER")
-            yield
-        while True:
-            for client, left in unsent.items():
-                left = left or next(asked)
-                unsent[client] = left[max(0, poured(client, left)) :]
-                with contextlib.suppress(BlockingIOError, ConnectionResetError):
-                    client.recv(65_536)
-            yield
-
-
-def stream_large_frames(folder: Path) -> Turns:
-    """To the other socket, where nobody is answered."""
-    frames = itertools.cycle([part(frame) for frame in _ARRAYS])
-    with ExitStack() as stack:
-        pouring = [
-            _pour(folder / FRAMES, hello("PUSH"), lambda: next(frames)) for _ in range(PROCESSES)
-        ]
-        for one in pouring:
-            stack.callback(one.close)
-        while True:
-            pouring = [one for one in pouring if next(one, "ended") is None]
-            yield
-            clock.sleep_s(0.001)
-
-
-STRANGERS: dict[str, Stranger] = {
-    one.__name__: one
-    for one in (
-        connect_only,
-        endless_multipart,
-        subscribe_without_end,
-        never_read,
-        send_large_arrays,
-        ask_for_slow_things,
-        ask_for_full_folders,
-        flood,
-        many_processes,
-        stream_large_frames,
-    )
-}
-
-
-@contextlib.contextmanager
-def _connected(folder: Path, kind: int, name: str = CONTROL) -> Iterator[zmq.Socket[bytes]]:
-    with zmq.Context() as context, context.socket(kind) as made:
-        made.setsockopt(zmq.LINGER, 0)
-        made.connect(f"ipc://{folder / name}")
-        yield made
-
-
-def _pour(to: Path, first: bytes, data: Callable[[], bytes]) -> Turns:
-    """As much as the kernel takes, without reading, until the gateway closes it. By hand: a library
-    of ZeroMQ would store without a bound what the gateway does not read, and not be the attacker
-    but the attacked.
-    """
-    with contextlib.suppress(BlockingIOError), connected(to) as made:
-        left = first
-        while (sent := poured(made, left)) >= 0:
-            left = left[sent:] or data()
-            if not sent:
-                yield
-    yield
 
 
 def _attack(stranger: Stranger, folder: Path) -> int:
@@ -310,27 +106,37 @@ def measure(load: str, strangers: tuple[str, ...], stops: int) -> Figures:
             stack.enter_context(ended(stranger))
         clock.sleep_s(_LOADED_S if strangers else 0.2)
         watched = _Gateway(folder, gateway.pid)
-        with _connected(folder, zmq.SUB, TELEMETRY) as reports:
+        with client_of(folder, zmq.SUB, TELEMETRY) as reports:
             # The last subscription's first report: the other one is heard by then.
             for topic in (b"halt", b"state"):
                 reports.setsockopt(zmq.SUBSCRIBE, topic)
             reports.poll(_WITHIN_MS)
-            found = [_stop(watched, reports) for _ in track(range(stops), load, transient=True)]
+            is_poured = _POURED in strangers
+            found = [
+                _stop(watched, reports, is_poured=is_poured)
+                for _ in track(range(stops), load, transient=True)
+            ]
         assert gateway.poll() is None, "the gateway has ended"
         for name, stranger in attacking.items():
             assert stranger.poll() is None, f"{name} has ended: nothing is shown"
         return _figures(load, found, watched)
 
 
-def _stop(gateway: _Gateway, reports: zmq.Socket[bytes]) -> tuple[float, float] | None:
-    """In ms until the engine heard it, and until its reply; None if that did not come."""
-    with _connected(gateway.folder, zmq.DEALER) as client:
+def _stop(
+    gateway: _Gateway, reports: zmq.Socket[bytes], *, is_poured: bool
+) -> tuple[float, float] | None:
+    """In ms until the engine heard it, and until its reply; None if that did not come. Where other
+    stops have halted it before, it was heard by its reply at the latest, and that is what counts.
+    """
+    with client_of(gateway.folder, zmq.DEALER) as client:
         _asked(client, b'{"op": "clear"}')
         gateway.look()
         begun_ns = clock.now_ns()
         if _asked(client, b'{"op": "stop", "client": "bench"}') is None:
             return None
         answered_ns = clock.now_ns()
+        if is_poured:
+            return ((answered_ns - begun_ns) / 1e6,) * 2
         while reports.poll(_WITHIN_MS):
             topic, report = reports.recv_multipart()
             heard_ns = json.loads(report)["t_ns"] if topic == b"halt" else 0
@@ -403,9 +209,12 @@ def main() -> int:
     args = parser.parse_args()
     if args.stranger is not None:
         return _attack(STRANGERS[args.stranger], args.folder)
-    loads = {"no stranger": (), "all of them at once": tuple(args.only or STRANGERS)}
+    # Who pours stops hides when another one was heard: it attacks alone.
+    at_once = args.only or [name for name in STRANGERS if name != _POURED]
+    loads: dict[str, tuple[str, ...]] = {"no stranger": ()}
     if args.only is None:
-        loads = {"no stranger": (), **{name: (name,) for name in STRANGERS}, **loads}
+        loads |= {name: (name,) for name in STRANGERS}
+    loads["all of them at once"] = tuple(at_once)
     found = [measure(load, strangers, args.stops) for load, strangers in loads.items()]
     held = [bound for one in found for bound in bounds(one)]
     console = Console(width=None if sys.stdout.isatty() else 120)
