@@ -234,7 +234,7 @@ class SteppedDisplay:
 
     @property
     def last_seq(self) -> int:
-        return self._session.last_seq
+        return self._session.numbers.newest
 
     def play(self, course: Course[R]) -> R:
         """As `Display` plays one; pauses take the daemon's time."""

@@ -204,11 +204,14 @@ def test_what_is_too_strong_ends_it_and_is_not_shown_again() -> None:
 
 
 def test_a_key_that_slipped_is_taken_back_before_anything_is_shown_again() -> None:
-    skin = UsedSkin()
+    skin, told = UsedSkin(), list[tuple[str, int]]()
     found = in_use(
         skin, Says(skin, ["same", "too_strong", "weaker", "same"]), CURRENTS_UA, USE_S,
-        lambda: skin.now_s, on_too_strong=lambda: pytest.fail("it was not"),
+        lambda: skin.now_s,
+        on_too_strong=lambda: told.append(("too strong", len(skin.shown))),
+        on_slip=lambda: told.append(("slip", len(skin.shown))),
     )  # fmt: skip
+    assert told == [("too strong", 30), ("slip", 30)]
     assert found == ["same", "weaker", *["same"] * (QUESTIONS - 2)]
 
 

@@ -12,7 +12,7 @@ from command_rig import CommandRig, command_rig
 from etd.calibrate.adaptation import QUESTIONS, USE_LEVEL
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
-from etd.protocol.calibration import current_of_level
+from etd.protocol.calibration import Calibration, current_of_level
 from terminal_rig import AtTerminal
 
 pytestmark = pytest.mark.slow
@@ -103,6 +103,68 @@ def test_what_is_too_strong_in_use_takes_the_levels_down_for_good(rig: CommandRi
         level_ua = current_of_level(was, USE_LEVEL, before.gamma)
         assert now.comfortable_ua < level_ua or now.comfortable_ua == now.threshold_ua
         assert now.cap_ua < was.cap_ua
+
+
+def test_what_was_too_strong_in_use_is_stored_before_it_is_asked_whether_it_was(
+    rig: CommandRig,
+) -> None:
+    """The process may be killed at that question. A key that slipped gives it back."""
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    path = rig.folder / "P.toml"
+    path.write_text(to_toml(before))
+    asked = ("calibrate", "fake", "--adaptation", "--baseline", "A04", "--as", "A04", "--arm")
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "A04").status == 0
+        at = AtTerminal(rig, *asked, "--use-s", str(QUESTIONS))
+        try:
+            Wearer(at).answer("How strong was all of it together?", *"fffffffff")
+            for again in ("s", "t"):
+                at.command.line_with("Is it as strong as at first?", "stdout")
+                at.press(b"t")
+                at.command.line_with("Was it so? t again", "stdout")
+                assert exported(rig, "A04").electrode != before.electrode
+                if again == "s":
+                    at.press(b"s")
+                    at.command.line_with("Is it as strong as at first?", "stdout")
+                    assert exported(rig, "A04").electrode == before.electrode
+                    at.press(b"s")
+            at.command.process.kill()
+            at.command.ended()
+        finally:
+            at.close()
+        lowered = exported(rig, "A04")
+    for was, now in zip(before.electrode, lowered.electrode, strict=True):
+        assert now.cap_ua < was.cap_ua
+
+
+def test_what_could_not_be_stored_is_not_said_to_be(rig: CommandRig) -> None:
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    path = rig.folder / "P.toml"
+    path.write_text(to_toml(before))
+    asked = ("calibrate", "fake", "--adaptation", "--baseline", "A05", "--as", "A05", "--arm")
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "A05").status == 0
+        at = AtTerminal(rig, *asked, "--use-s", str(QUESTIONS))
+        try:
+            Wearer(at).answer("How strong was all of it together?", *"fffffffff")
+            at.command.line_with("Is it as strong as at first?", "stdout")
+            (stored,) = rig.folder.rglob("A05.toml")
+            stored.unlink()
+            stored.mkdir()
+            at.press(b"t")
+            said = at.command.ended()
+        finally:
+            at.close()
+    assert said.status != 0
+    assert "A05 is NOT stored so" in said.err
+    assert "is stored so" not in said.err
+
+
+def exported(rig: CommandRig, name: str) -> Calibration:
+    path = rig.folder / f"{name}-exported.toml"
+    path.unlink(missing_ok=True)
+    assert rig.run("calibration", "export", name, str(path)).status == 0
+    return load_calibration(path)
 
 
 def test_what_is_too_strong_on_the_way_up_is_stored_before_anything_comes_again(

@@ -41,7 +41,9 @@ def rig() -> Iterator[CommandRig]:
         yield made
 
 
-def saved(rig: CommandRig, criterion_sigma: float, states: int = len(STATES)) -> Path:
+def saved(
+    rig: CommandRig, criterion_sigma: float, states: int = len(STATES), daemon: str = "fake"
+) -> Path:
     """A fit of K01 that is over so far, of a person whose criterion moves so much."""
     baseline = load_calibration(resources.find("calibrations", BASELINE))
     same = set(Conditions.__struct_fields__) & set(type(baseline).__struct_fields__)
@@ -63,7 +65,7 @@ def saved(rig: CommandRig, criterion_sigma: float, states: int = len(STATES)) ->
             at_s = now_s - 2_000.0 + 400.0 * state + 40.0 * place
             threshold_ua = max(20.0, min(2_000.0, 600.0 * moved))
             asked.append(Asked(electrode, state, at_s, threshold_ua, ohm))
-    path = rig.folder / "state" / "etd" / "fake" / "calibrating" / "K01.fit.json"
+    path = rig.folder / "state" / "etd" / daemon / "calibrating" / "K01.fit.json"
     progress = FitProgress(
         conditions=conditions,
         electrodes=electrodes,
@@ -199,6 +201,50 @@ def test_a_calibration_that_a_new_fit_is_to_replace_keeps_its_k_until_then(rig: 
     assert baseline == shipped()
 
 
+def test_what_was_too_strong_stays_so_in_a_fit_that_was_begun_anew(rig: CommandRig) -> None:
+    """Of what has the baseline's threshold: what was calibrated anew since is of another day."""
+    first, second, *others = shipped().electrode
+    lower = replace(first, cap_ua=first.cap_ua - 500, comfortable_ua=first.threshold_ua)
+    of_another_day = replace(
+        second, threshold_ua=second.threshold_ua - 10, cap_ua=second.cap_ua - 10
+    )
+    stored = replace(shipped(), electrode=(lower, of_another_day, *others), is_whole_accepted=True)
+    saved(rig, 0.05, daemon="main")
+    with rig.daemon("--array", "pad-8"):
+        import_as(rig, stored, "K01")
+        told = rig.run(*FIT)
+        assert told.status == 0, told.err
+        made = exported(rig, "K01")
+    assert made.electrode == (lower, second, *others)
+    assert made.exponent is not None
+
+
+def test_what_a_run_before_could_not_store_is_stored_before_anything_is_shown(
+    rig: CommandRig,
+) -> None:
+    asked = ("calibrate", "fake", "--fit", "--baseline", "K02", "--as", "K02", *LIMIT, "--seed=1")
+    with rig.daemon("--array", "pad-8"):
+        import_as(rig, shipped(), "K02")
+        (stored,) = rig.folder.rglob("K02.toml")
+        too_strong_once(rig, asked)
+        lowered = exported(rig, "K02")
+        assert lowered != shipped()
+        # As where the disk was full.
+        stored.write_text(to_toml(replace(shipped(), modelled=True)))
+        (progress,) = rig.folder.rglob("K02.fit.json")
+        known = msgspec.json.decode(progress.read_bytes(), type=FitProgress)
+        same = identity("K02", load_calibration(stored))
+        known.conditions = replace(known.conditions, baseline=same)
+        save_progress(progress, known)
+        again = AtTerminal(rig, *asked, "--arm")
+        try:
+            assert again.command.line() == ""
+            again.command.line_with("Then any key", "stdout")
+            assert exported(rig, "K02").electrode == lowered.electrode
+        finally:
+            again.close()
+
+
 def shipped() -> Calibration:
     return load_calibration(resources.find("calibrations", BASELINE))
 
@@ -211,6 +257,7 @@ def import_as(rig: CommandRig, made: Calibration, name: str) -> None:
 
 def exported(rig: CommandRig, name: str) -> Calibration:
     path = rig.folder / f"{name}-exported.toml"
+    path.unlink(missing_ok=True)
     assert rig.run("calibration", "export", name, str(path)).status == 0
     return load_calibration(path)
 

@@ -76,10 +76,12 @@ def in_use(
     on_presented: Callable[[Presentation], None] = lambda _: None,
     on_answered: Callable[[Presentation, Ask, Answer | None], None] = lambda *_: None,
     on_too_strong: Callable[[], None] = lambda: None,
+    on_slip: Callable[[], None] = lambda: None,
 ) -> list[Answer]:
     """All answers, in their order: `QUESTIONS` of them, alike over `use_s`. Time in which a
-    question stands is not use. `on_too_strong`: called when it was, or when whether it was stayed
-    open, because something ended it first.
+    question stands is not use. `on_too_strong`: called at once when it was, before it is asked
+    whether that was so, since the process may be gone before that is answered. `on_slip`: it was
+    not.
 
     Raises: TooStrongInUse, Stopped, NotDelivered, Refused, DaemonGone.
     """
@@ -92,14 +94,11 @@ def in_use(
             used_s = (number + 1) * use_s / QUESTIONS
             # Keys slip; nothing is shown until it is certain. It may never be: who is in pain ends
             # it, or the daemon is gone.
-            try:
-                answer = _answered(presenter, answerer, last, "sure_in_use", on_answered)
-            except BaseException:
-                on_too_strong()
-                raise
+            on_too_strong()
+            answer = _answered(presenter, answerer, last, "sure_in_use", on_answered)
             if answer == "too_strong":
-                on_too_strong()
                 raise TooStrongInUse(used_s)
+            on_slip()
         answers.append(answer)
     return answers
 

@@ -160,6 +160,17 @@ class AdaptationSession:
     def _use(self, presenter: Presenter, answerer: Answerer) -> None:
         self._say(f"in use, for {self._args.use_s:g} s: remember how strong it is now")
         gamma = self._baseline.gamma
+        accepted = dict(self._whole.found), self._whole.is_whole_accepted
+
+        def take_down() -> None:
+            take_down_from_use(self._whole, gamma)
+            self._store_taken_down()
+
+        def give_back() -> None:
+            found, self._whole.is_whole_accepted = accepted
+            self._whole.found = dict(found)
+            self._store_taken_down()
+
         self._answers = in_use(
             presenter,
             answerer,
@@ -168,7 +179,8 @@ class AdaptationSession:
             lambda: clock.now_ns() / 1e9,
             self._presented,
             self._trials.answered,
-            lambda: take_down_from_use(self._whole, gamma),
+            take_down,
+            give_back,
         )
 
     def _presented(self, presented: Presentation) -> None:
@@ -184,8 +196,8 @@ class AdaptationSession:
         today = wall_time().date()
         found = adaptation_of(self._answers, self._args.use_s, today)
         made = self._made(found)
-        self._tell_taken_down()
         store(self._args, self._display, self._which, made)
+        self._tell_taken_down(f"{self._which} is stored so")
         why_not = found.why_not_in(made.date, today)
         if self._args.json:
             answer = {
@@ -217,22 +229,28 @@ class AdaptationSession:
         whatever becomes of this process, and what was measured before is of other levels. Where
         nothing was taken down the calibration stays as it is. Raises: Refused.
         """
-        if self._whole.found != self._stored:
-            self._display.set_calibration(self._which, marked(self._display, self._made(None)))
-            self._stored = dict(self._whole.found)
+        if self._whole.found == self._stored:
+            return
+        made = self._made(None) if self._whole.found != self._before else self._baseline
+        self._display.set_calibration(self._which, marked(self._display, made))
+        self._stored = dict(self._whole.found)
 
     def _store_in_the_end(self) -> None:
         """However it ends. Nothing is presented any more."""
         try:
             self._store_taken_down()
         except EtdError as error:
-            print(f"etd: it could not be stored: {error}", file=sys.stderr, flush=True)
-        self._tell_taken_down()
+            self._tell_taken_down(
+                f"{self._which} is NOT stored so ({error}): do not use it before you have lowered"
+                " it by hand, or calibrated again"
+            )
+        else:
+            self._tell_taken_down(f"{self._which} is stored so")
 
-    def _tell_taken_down(self) -> None:
+    def _tell_taken_down(self, what_is_stored: str) -> None:
         said = said_of_whole(self._before, self._whole)
         if said is not None:
-            print(f"{said}: {self._which} is stored so", file=sys.stderr, flush=True)
+            print(f"{said}: {what_is_stored}", file=sys.stderr, flush=True)
 
     @property
     def trials(self) -> str | None:

@@ -98,6 +98,8 @@ class FitSession:
         with ExitStack() as stack:
             stack.callback(self._trials.close)
             stack.callback(self._tell_lowered)
+            # A run before this one may have ended, or been refused, before it was stored.
+            self._store_lowered()
             wearer = self._armed_wearer(stack)
             if self._args.restart:
                 self._file.unlink(missing_ok=True)
@@ -160,7 +162,7 @@ class FitSession:
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
             tell_trials(self._args, self.trials)
             return 1
-        made = msgspec.structs.replace(self._fitting.lowered(self._baseline), exponent=found)
+        made = msgspec.structs.replace(self._kept_lower(), exponent=found)
         store(self._args, self._display, self._which, made, self._file)
         self._answer(found, made)
         return 0
@@ -187,6 +189,25 @@ class FitSession:
             print(shown(doubt))
         if self.trials is not None:
             print(f"trials: {self.trials}")
+
+    def _kept_lower(self) -> Calibration:
+        """The baseline without what was too strong, in this fit or since: an electrode of what is
+        in use that has the baseline's threshold and less above it stays as it is.
+        """
+        made = self._fitting.lowered(self._baseline)
+        both = zip(made.electrode, self._stored.electrode, strict=True)
+        each = tuple(
+            stored
+            if stored.threshold_ua == new.threshold_ua and stored.cap_ua < new.cap_ua
+            else new
+            for new, stored in both
+        )
+        if each == made.electrode:
+            return made
+        # What was found of all of them together is of others.
+        return msgspec.structs.replace(
+            made, electrode=each, is_whole_accepted=None, adaptation=None
+        )
 
     @property
     def trials(self) -> str | None:
@@ -230,6 +251,10 @@ class FitSession:
         """
         self._fitting.lower(of_state)
         save_progress(self._file, self._progress)
+        self._store_lowered()
+
+    def _store_lowered(self) -> None:
+        """Raises: FileError, Refused."""
         made = self._fitting.lowered(self._in_use)
         if made != self._stored:
             stored = marked(self._display, made)

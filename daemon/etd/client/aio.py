@@ -335,6 +335,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> AsyncTelemetry:
         """`async with display.telemetry("scan") as reports: async for topic, report in reports`"""
+        self._check_open()
         address, join_s = self._way.telemetry, self._timeout_s
         return AsyncTelemetry(self._context, address, topics, timeout_s, join_s=join_s)
 
@@ -374,7 +375,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         up_to_s("seconds", seconds, MOST_BEGUN_S)
         up_to_s("wait_s", wait_s, MOST_BEGUN_S)
         # Whatever the program sends from now on is newer; without a lease there is nothing older.
-        after = None if self._session.lease is None else self._session.last_seq
+        after = None if self._session.lease is None else self._session.numbers.newest
         task = asyncio.create_task(self._present(kind, numbers, seconds, wait_s, options, after))
         # asyncio itself refers to a task only weakly.
         self._underway.add(task)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import zmq
@@ -16,9 +17,10 @@ import zmq.asyncio
 
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
+from etd.client.drive import has_ended
 from etd.client.exchange import settled
 from etd.client.session import KEEP_S, Ask, Flow, Session
-from etd.client.way import Way, silent
+from etd.client.way import Way, closed, silent
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
@@ -39,26 +41,40 @@ class AsyncExchange:
         self._session = session
         self._turn = asyncio.Lock()
         self._socket: zmq.asyncio.Socket | None = None
+        self._ending: set[asyncio.Future[Any]] = set()
         #: When something was last asked.
         self.used_ns = clock.now_ns()
 
     async def play(self, course: Course[R]) -> R:
         """Drive a course to its end; what interrupts a step is raised in the course as well."""
-        try:
-            step = next(course)
-            while True:
-                raised: BaseException | None = None
-                try:
-                    done = await self._do(step)
-                except BaseException as error:  # noqa: BLE001 (the course raises it again)
-                    raised = error
-                # As in `drive`: not while it is handled.
+        done: object = None
+        raised: BaseException | None = None
+        while True:
+            # As in `drive`.
+            try:
                 step = course.send(done) if raised is None else course.throw(raised)
-        except StopIteration as end:
-            result: R = end.value
-            return result
-        except EtdError as error:
-            raise error.with_traceback(None)  # noqa: B904 (the same one, as `Exchange` does)
+                is_ending = raised is not None
+                done = raised = None
+                done = await (self._to_its_end(step) if is_ending else self._do(step))
+            except StopIteration as end:
+                result: R = end.value
+                return result
+            except EtdError as error:
+                if has_ended(course):
+                    raise error.with_traceback(None)  # noqa: B904 (as `Exchange` does)
+                raised = error
+            except BaseException as error:
+                if has_ended(course):
+                    raise
+                raised = error
+
+    async def _to_its_end(self, step: Flow[Any] | Pause) -> Any:
+        """Also if this is cancelled meanwhile: it was cancelled already, and ends silent."""
+        ending = asyncio.ensure_future(self._do(step))
+        # asyncio itself refers to a task only weakly.
+        self._ending.add(ending)
+        ending.add_done_callback(self._ending.discard)
+        return await asyncio.shield(ending)
 
     async def run(self, flow: Flow[R]) -> R:
         """Drive one of the session's flows to its end, one caller after another."""
@@ -97,7 +113,7 @@ class AsyncExchange:
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
         if await self._is_there(socket, zmq.POLLOUT, deadline_ns):
             sent_ns = clock.now_ns()
-            await socket.send(ask.data)
+            await socket.send(ask.data, zmq.NOBLOCK)
             while await self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
                 parts: list[Any] = await socket.recv_multipart()
                 got_ns = clock.now_ns()
@@ -123,7 +139,9 @@ class AsyncExchange:
                 return True
             self._check_alive()
             if keep is not None:
-                await socket.send(keep())
+                # As in `Exchange`.
+                with suppress(zmq.Again):
+                    await socket.send(keep(), zmq.NOBLOCK)
         return False
 
     def _check_alive(self) -> None:
@@ -136,7 +154,7 @@ class AsyncExchange:
 
     def _connected(self) -> zmq.asyncio.Socket:
         if self._context.closed:
-            raise DaemonGone(self._way.place, "this display was closed: make a new one")
+            raise closed(self._way)
         if self._socket is None:
             self._socket = wire.configure(self._context.socket(zmq.DEALER), self._way.control)
         return self._socket

@@ -115,9 +115,8 @@ class ElectrodeArray:
         return self.shape
 
     def _check(self, electrode: object) -> None:
-        is_number = isinstance(electrode, int) and not isinstance(electrode, bool)
-        # Numbers of numpy are electrodes too, and compare as such.
-        if not is_number and not hasattr(electrode, "__index__"):
+        # Numbers of numpy are electrodes too, and compare as such; True is one for Python alone.
+        if isinstance(electrode, bool) or not hasattr(electrode, "__index__"):
             raise Refused("bad_frame", f"{electrode!r:.40} is no electrode: give its number")
         if not 0 <= electrode < self.electrodes:  # type: ignore[operator]
             raise Refused(

@@ -24,7 +24,7 @@ from etd.client.playing import Playing
 from etd.client.session import Session
 from etd.client.ssh import SshWay
 from etd.client.values import Numbers
-from etd.client.way import LocalWay, Way
+from etd.client.way import LocalWay, Way, closed
 from etd.files.paths import DEFAULT_NAME
 from etd.protocol.messages import HelloReply
 from etd.protocol.opening import LeaseCalibration
@@ -164,6 +164,11 @@ class Connection(ABC, Generic[S]):
         if self._frames is None:
             self._frames = wire.configure(self._context.socket(zmq.PUSH), self._way.frames)
         return self._frames
+
+    def _check_open(self) -> None:
+        """Raises: DaemonGone."""
+        if self._context.closed:
+            raise closed(self._way)
 
     def _hang_up(self) -> None:
         self._context.destroy(linger=0)

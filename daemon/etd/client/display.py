@@ -347,13 +347,17 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def stop(self) -> None:
         """Silence at once, whichever client holds the lease; HALTED until `clear`. The one method
-        that any thread may call.
+        that any thread may call, and any process that forked from the one that made it.
         """
-        exchange = self._new_exchange(clock.sleep_s)
+        # A copy of a context works for no child.
+        context = self._new_context() if self._owner.has_forked else self._context
+        exchange = Exchange(context, self._way, self._session, clock.sleep_s)
         try:
             exchange.run(self._session.stop())
         finally:
             exchange.hang_up()
+            if context is not self._context:
+                context.destroy(linger=0)
 
     def clear(self) -> None:
         """Leave HALTED for SAFE; then `arm()` anew."""
@@ -389,6 +393,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
 
     def telemetry(self, *topics: Topic, timeout_s: float | None = None) -> Telemetry:
         """`with display.telemetry("scan") as reports: for topic, report in reports: ...`"""
+        self._check_open()
         address, join_s = self._way.telemetry, self._timeout_s
         return Telemetry(self._context, address, topics, timeout_s, join_s=join_s)
 
@@ -413,7 +418,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
         fields = self._fields(kind, numbers, options)
         self._run(self._session.opened())
         # Whatever the program sends from now on is newer.
-        after = self._session.last_seq
+        after = self._session.numbers.newest
         course = presenting(self._session, fields, seconds, clock.now_ns, after, wait_s)
         return Underway(self._new_exchange, course)
 

@@ -6,6 +6,7 @@ know: what a step is, how it is done.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Generator
 from typing import Any, TypeVar
 
@@ -18,19 +19,29 @@ def drive(
     do: Callable[[S], object],
     raised_within: type[BaseException] = BaseException,
 ) -> R:
-    """Do each step and send its result; returns the generator's result. Errors of a step that are
-    no `raised_within` end the drive without the generator's say.
+    """Do each step and send its result; returns the generator's result. What a step raises, and
+    what interrupts between two steps, is raised in the generator, if it is a `raised_within`;
+    otherwise it ends the drive without the generator's say.
     """
-    try:
-        step = next(steps)
-        while True:
-            raised: BaseException | None = None
-            try:
+    done: object = None
+    raised: BaseException | None = None
+    while True:
+        # What was raised is not handled any more: what is raised later is no consequence of it.
+        try:
+            # In one `try`, so that there is nothing between two steps.
+            while True:
+                step = steps.send(done) if raised is None else steps.throw(raised)
+                done = raised = None
                 done = do(step)
-            except raised_within as error:
-                raised = error
-            # Not while it is handled: what is raised later is no consequence of it.
-            step = steps.send(done) if raised is None else steps.throw(raised)
-    except StopIteration as end:
-        result: R = end.value
-        return result
+        except StopIteration as end:
+            result: R = end.value
+            return result
+        except raised_within as error:
+            if has_ended(steps):
+                raise
+            raised = error
+
+
+def has_ended(steps: Generator[Any, Any, Any]) -> bool:
+    """Whether what was raised came out of it."""
+    return inspect.getgeneratorstate(steps) == inspect.GEN_CLOSED

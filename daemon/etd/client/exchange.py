@@ -8,6 +8,7 @@ For one thread. What goes on beside the program (`begin`, `kept`) has an exchang
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 import zmq
@@ -16,7 +17,7 @@ from etd.client import clock, wire
 from etd.client.course import Course, Pause
 from etd.client.drive import drive
 from etd.client.session import KEEP_S, UNREADABLE, Ask, Flow, Session
-from etd.client.way import Way, silent, unreadable
+from etd.client.way import Way, closed, silent, unreadable
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
@@ -77,12 +78,22 @@ class Exchange:
 
     def _ask(self, ask: Ask) -> Success:
         """Send one request and wait for its reply, keeping the lease if it is a slow one."""
+        try:
+            return self._answered(ask)
+        except zmq.ZMQError:
+            # The program's thread has closed it, beside this one.
+            if self._context.closed or (self._socket is not None and self._socket.closed):
+                raise closed(self._way) from None
+            raise
+
+    def _answered(self, ask: Ask) -> Success:
         self.used_ns = clock.now_ns()
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
         if self._is_there(socket, zmq.POLLOUT, deadline_ns):
             sent_ns = clock.now_ns()
-            socket.send(ask.data)
+            # It has room: nobody else sends by it.
+            socket.send(ask.data, zmq.NOBLOCK)
             while self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
                 data = socket.recv_multipart()[-1]
                 got_ns = clock.now_ns()
@@ -106,7 +117,9 @@ class Exchange:
                 return True
             self._check_alive()
             if keep is not None:
-                socket.send(keep())
+                # Where nobody is there to take it, it must not be waited for.
+                with suppress(zmq.Again):
+                    socket.send(keep(), zmq.NOBLOCK)
         return False
 
     def _check_alive(self) -> None:
@@ -119,7 +132,7 @@ class Exchange:
 
     def _connected(self) -> zmq.Socket[bytes]:
         if self._context.closed:
-            raise DaemonGone(self._way.place, "this display was closed: make a new one")
+            raise closed(self._way)
         if self._socket is None:
             self._socket = wire.configure(self._context.socket(zmq.DEALER), self._way.control)
         return self._socket

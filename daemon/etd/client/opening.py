@@ -36,6 +36,13 @@ class Opening:
         by_electrode: Callable[[Numbers], Numbers],
     ) -> None:
         """`by_electrode`: one number for each, from a mapping or rows."""
+        if isinstance(strengths, bool):
+            key = "open_to" if kind == "level" else "open_to_ua"
+            raise Refused(
+                "bad_message",
+                f"{key}={strengths}: it says to which strength, as {key}="
+                f"{0.8 if kind == 'level' else 500}; None opens nothing",
+            )
         #: Whether it is one level, which names no electrode.
         self.names_none = kind == "level" and isinstance(strengths, Real)
         if isinstance(strengths, Real):

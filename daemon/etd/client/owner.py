@@ -21,9 +21,14 @@ class Owner:
         self._process = os.getpid()
         self._thread = threading.get_ident()
 
+    @property
+    def has_forked(self) -> bool:
+        """Whether this is a child of the process that made it."""
+        return os.getpid() != self._process
+
     def check(self) -> None:
         """Raises: WrongThread."""
-        if os.getpid() != self._process:
+        if self.has_forked:
             raise WrongThread("the process that made it has forked: make one in each process")
         if threading.get_ident() != self._thread:
             raise WrongThread(

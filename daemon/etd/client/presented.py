@@ -16,9 +16,9 @@ from etd.client.daemon_clock import DaemonClock
 from etd.protocol.errors import Refused
 from etd.protocol.outcome import Account, Clamp, Shortfall
 
-#: `replaced`: by another frame of the program. `ended`: by `end()`. `late`: a renewal. `refused`:
-#: by a halt, say. `no edge`: the wait for the trigger was over.
-Cut: TypeAlias = Literal["replaced", "ended", "late", "refused", "no edge"]
+#: `replaced`: by another frame of the program. `disarmed`: by the program. `ended`: by `end()`.
+#: `late`: a renewal. `refused`: by a halt, say. `no edge`: the wait for the trigger was over.
+Cut: TypeAlias = Literal["replaced", "disarmed", "ended", "late", "refused", "no edge"]
 
 #: A scan that is late takes nothing from a pulse: the number of pulses tells what it took.
 _LATE = ("overrun", "processor")
@@ -156,6 +156,7 @@ def presented_of(
 
 _NEVER: dict[Cut, str] = {
     "replaced": "another frame of the program took its place",
+    "disarmed": "the program disarmed before its first scan began",
     "ended": "it was ended before its first scan began",
     "no edge": (
         "no edge of the trigger came while it waited: check the wire, or give a longer wait_s"
@@ -247,7 +248,7 @@ def _lasted_s(accounts: Sequence[Account], cuts: Sequence[Cut], shown_s: float) 
     """For how long it was shown. What has cut it short is noticed later: the engine tells when its
     last frame was over. None: it does not.
     """
-    if not {"replaced", "ended", "refused"}.intersection(cuts):
+    if not {"replaced", "disarmed", "ended", "refused"}.intersection(cuts):
         return shown_s
     over_ns = accounts[-1].ended_ns
     return None if over_ns is None else min(shown_s, (over_ns - accounts[0].begun_ns) / 1e9)
@@ -260,6 +261,8 @@ def _cut_short(
     told = []
     if "replaced" in cuts:
         told.append(f"another frame of the program replaced it{after}")
+    if "disarmed" in cuts:
+        told.append(f"the program disarmed{after}")
     if "ended" in cuts:
         told.append(f"it was ended{after}")
     if "no edge" in cuts:

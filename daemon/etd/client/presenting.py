@@ -54,6 +54,16 @@ class _Showing:
     cuts: list[Cut] = field(default_factory=list)
     #: The frame that waits for the trigger.
     waits: int | None = None
+    #: Of the session, when it began.
+    disarms: int = 0
+
+    def __post_init__(self) -> None:
+        self.disarms = self.session.numbers.disarms
+
+    @property
+    def overtaken(self) -> Cut:
+        """By what its next frame is not the next one any more."""
+        return "replaced" if self.session.numbers.disarms == self.disarms else "disarmed"
 
     def frame(self, fields: dict[str, object]) -> Course[FrameReply]:
         """The next of its frames. Raises: Refused (`old_seq`) once the program has sent another;
@@ -61,7 +71,7 @@ class _Showing:
         """
         stamped = {**fields, "sent_ns": self.now_ns()}
         try:
-            reply: FrameReply = yield self.session.frame(stamped, self.after, self.lease)
+            reply: FrameReply = yield self.session.frame(stamped, self.after, self.lease, self)
         except Refused as refusal:
             if refusal.code != "old_seq" and self.after is not None:
                 self.after += 1  # a number is used up by a refused frame, too
@@ -74,7 +84,7 @@ class _Showing:
         try:
             yield from self.frame(silent_fields(self.fields, self.now_ns()))
         except Refused as refusal:
-            return "replaced" if refusal.code == "old_seq" else "ended"
+            return self.overtaken if refusal.code == "old_seq" else "ended"
         except EtdError:
             pass  # the frame expires by itself
         return "ended"
@@ -127,13 +137,15 @@ def presenting(
     except Refused as refusal:
         if refusal.code != "old_seq":
             yield from _raise_cut_short(showing, refusal, shown_s)
-        showing.cuts.append("replaced")
+        showing.cuts.append(showing.overtaken)
     except Ended:
         showing.cuts.append((yield from showing.end()))
     except EtdError:
         raise
     except BaseException:
-        yield from falling_silent(session, fields, now_ns)
+        # What was begun beside the program leaves what that has shown since.
+        if after is None or session.numbers.newest_of is showing:
+            yield from falling_silent(session, fields, now_ns)
         raise
     lasted_s = showing.lasted_s(shown_s)
     try:

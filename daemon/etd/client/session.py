@@ -11,7 +11,6 @@ and `AsyncDisplay` differ only in how they send an `Ask` and receive its reply.
 from __future__ import annotations
 
 import itertools
-import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -21,6 +20,7 @@ import msgspec
 from etd.client import values
 from etd.client.daemon_clock import DaemonClock
 from etd.client.meant import Meant, check_limits, names_of
+from etd.client.numbering import FrameNumbers
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import ErrorCode, Refused
 from etd.protocol.facts import RecordFacts
@@ -53,8 +53,8 @@ KEEP_S = 0.3
 _DISK_S = 10.0
 #: A frame of the program that others have overtaken is sent again so often.
 _OVERTAKEN = 5
-#: The engine reads calibrations within eight seconds.
-_READ_S = 10.0
+#: Gateway and engine read calibrations within eight seconds each; after 15 s it is answered.
+_READ_S = 16.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +121,7 @@ class Session:
         self._width_us = width_us
         self._timeout_s = values.above_zero_s("timeout_s", timeout_s)
         self._ids = itertools.count(1)
-        #: Of the newest frame, whichever thread sent it.
-        self.last_seq = 0
-        self._numbering = threading.Lock()
+        self.numbers = FrameNumbers()
 
     @property
     def calibration_names(self) -> tuple[str, ...]:
@@ -167,6 +165,7 @@ class Session:
         return reply.calibrations
 
     def disarm(self) -> Flow[None]:
+        self.numbers.disarm()
         if self.lease is not None:
             yield self._ask("disarm", {"lease": self.lease})
 
@@ -205,17 +204,24 @@ class Session:
         return reply
 
     def frame(
-        self, fields: dict[str, object], after: int | None = None, lease: str | None = None
+        self,
+        fields: dict[str, object],
+        after: int | None = None,
+        lease: str | None = None,
+        of: object = None,
     ) -> Flow[FrameReply]:
         """One frame with an answer, under this lease; without one, under that of the program, which
         is opened if none was. Raises: Refused (`old_seq`) if the newest frame is not the one
-        `after` which this is to be sent; `no_lease`, `halted`, if the lease has ended.
+        `after` which this is to be sent; `no_lease`, `halted`, if the lease has ended. `of`: what
+        it is a frame of (`FrameNumbers.newest_of`).
         """
         if lease is None:
             yield from self.opened()
         for _ in range(_OVERTAKEN):
             try:
-                reply: FrameReply = yield self._ask("frame", self._numbered(fields, after, lease))
+                reply: FrameReply = yield self._ask(
+                    "frame", self._numbered(fields, after, lease, of)
+                )
             except Refused as refusal:
                 # A frame that goes on beside the program was numbered later, and came first.
                 if refusal.code != "old_seq" or after is not None:
@@ -229,7 +235,7 @@ class Session:
         if lease is None:
             yield from self.opened()
         held, asked = self._held_lease(lease), {**fields, "preview": True}
-        numbered = self._stamped({"lease": held, "seq": self.last_seq + 1, **asked})
+        numbered = self._stamped({"lease": held, "seq": self.numbers.newest + 1, **asked})
         reply: FrameReply = yield self._ask("frame", numbered)
         return reply
 
@@ -252,7 +258,10 @@ class Session:
         return reply.names
 
     def get_calibration(self, name: str) -> Flow[Calibration]:
-        reply: CalibrationReply = yield self._ask("calibration", {"do": "get", "name": name})
+        wait_s = max(_READ_S, self._timeout_s)
+        reply: CalibrationReply = yield self._ask(
+            "calibration", {"do": "get", "name": name}, timeout_s=wait_s
+        )
         if reply.calibration is None:
             raise Refused("not_found", f"the daemon sent no calibration {name!r}")
         return reply.calibration
@@ -345,7 +354,7 @@ class Session:
         wait_s = self._timeout_s if "limits" in limits else max(_READ_S, self._timeout_s)
         reply: LeaseReply = yield self._ask("open", asked, timeout_s=wait_s)
         self.lease, self._halted = reply.lease, None
-        self.last_seq = 0
+        self.numbers.begin_lease()
         try:
             self._meant.check(reply.calibrations)
         except Refused:
@@ -385,14 +394,15 @@ class Session:
         return self._ask("keep", {"lease": self.lease}).data
 
     def _numbered(
-        self, fields: dict[str, object], after: int | None = None, lease: str | None = None
+        self,
+        fields: dict[str, object],
+        after: int | None = None,
+        lease: str | None = None,
+        of: object = None,
     ) -> dict[str, object]:
-        with self._numbering:
+        with self.numbers.lock:
             held = self._held_lease(lease)
-            if after is not None and self.last_seq != after:
-                raise Refused("old_seq", "the program has sent another frame meanwhile")
-            self.last_seq += 1
-            numbered = {"lease": held, "seq": self.last_seq, **fields}
+            numbered = {"lease": held, "seq": self.numbers.take(after, of), **fields}
         return self._stamped(numbered)
 
     def _stamped(self, fields: dict[str, object]) -> dict[str, object]:

@@ -174,6 +174,8 @@ def _finite(key: str, index: int | None, value: object) -> float:
         elif isinstance(value, bool) and key == "current_ua":
             hint = " (a mask says where, not how much: multiply it by microamperes)"
         raise Refused("bad_frame", f"{where} is {_called(value)}: a number is needed{hint}", index)
+    if isinstance(value, Integral) and abs(int(value)) >= 2**63:
+        raise Refused("bad_frame", f"{where} is a number of more than 64 bits", index)
     if not math.isfinite(value):
         raise Refused("bad_frame", f"{where} is {float(value)}: a finite number is needed", index)
     return int(value) if isinstance(value, Integral) else float(value)

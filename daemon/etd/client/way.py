@@ -86,6 +86,11 @@ def silent(way: Way, what: str) -> DaemonGone:
     return DaemonGone(way.place, what, HELD_UP)
 
 
+def closed(way: Way) -> DaemonGone:
+    """Of a display that the program has closed, or that another of its threads closes."""
+    return DaemonGone(way.place, "this display was closed: make a new one")
+
+
 def unreadable(way: Way, op: str, error: Exception) -> DaemonGone:
     """Of what answered there, and does not speak as a daemon does."""
     return DaemonGone(
