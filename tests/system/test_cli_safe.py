@@ -124,3 +124,26 @@ def test_a_configuration_without_a_board_says_so(rig: CommandRig) -> None:
     refused = rig.run("safe", "--config", str(config))
     assert refused.status == 1
     assert "board: it is missing" in refused.err
+
+
+@pytest.mark.parametrize("broken", ["settings", "board"])
+def test_a_file_that_was_broken_since_the_engine_was_started_does_not_keep_it_from_being_safe(
+    rig: CommandRig, board: RunningBoard, broken: str
+) -> None:
+    with rig.daemon("--board", "fake", "--array", "pad-8"):
+        (kept,) = rig.folder.rglob("board-as-started-fake.toml")
+        shipped = find("boards", BOARD)
+        assert kept.read_bytes() == shipped.read_bytes()
+        assert kept.stat().st_mode & 0o777 == 0o600
+    settings, edited = rig.folder / "main.toml", rig.folder / "edited.toml"
+    edited.write_text(shipped.read_text().replace("[maxima]", "[maxima]\ntypo = 1"))
+    said = f'backend = "linux"\nboard = "{edited}"\nmachine = "pi4"\n'
+    settings.write_text("backend = [" if broken == "settings" else said)
+    asked = ("safe", "--config", str(settings), "--board-socket", str(board.socket))
+    refused = rig.run(*asked)
+    assert refused.status != 0, "there is no engine of such a board yet"
+    kept.rename(kept.with_name("board-as-started-linux.toml"))
+    made = rig.run(*asked)
+    assert made.status == 0, made.err
+    assert "the board is made safe as the engine was started with it" in made.err
+    assert last_levels(board.trace, {4: "POL", 23: "BL"}) == {"POL": 1, "BL": 0}

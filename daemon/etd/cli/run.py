@@ -23,9 +23,11 @@ from pathlib import Path
 from etd.cli import options
 from etd.cli.extras import check_fake
 from etd.cli.part_ending import status_of_part
+from etd.files.atomic_file import write_atomically
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
+    board_as_started_file,
     calibrations_folder,
     check_name,
     make_own,
@@ -282,11 +284,14 @@ def _run_engine(
         _shipped_calibrations() if is_fake else None,
         None if core == "any" else core,
     )
-    note = _supply_note_file(args, loaded)
+    given = _given_state_folder(args)
+    note = supply_note_file(args.name, loaded.config.backend, given)
     # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
     refusal = None
     try:
         make_own(note.parent, 0o700)
+        as_started = board_as_started_file(args.name, loaded.config.backend, given)
+        write_atomically(as_started, loaded.board_file.read_bytes(), mode=0o600)
     except FileError as error:
         refusal = str(error)
     except OSError:
@@ -312,11 +317,10 @@ def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
     return kept_selftest(args.name, loaded)
 
 
-def _supply_note_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:
-    """Raises: FileError."""
+def _given_state_folder(args: argparse.Namespace) -> Path | None:
+    """None: none was named."""
     named = args.state is not None or args.folder is not None
-    given = _state_folder(args, args.folder or Path()) if named else None
-    return supply_note_file(args.name, loaded.config.backend, given)
+    return _state_folder(args, args.folder or Path()) if named else None
 
 
 def _state_folder(args: argparse.Namespace, folder: Path) -> Path:

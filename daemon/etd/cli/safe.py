@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from etd.files.paths import board_as_started_file
 from etd.files.resources import Kind, find
 from etd.protocol.errors import BusError, FileError
 from etd_hal.backend import Backend
@@ -55,10 +56,9 @@ def run(args: argparse.Namespace) -> int:
 
     Raises: FileError (no board file), HardwareMissing (no lines), BusError (a board process).
     """
-    settings = _settings(args)
+    settings, board = _settings_and_board(args)
     if settings.backend == "fake" and args.board_socket is None:
         return _answer(args, "fake", "", (), "nothing to do: the fake board ended with its engine")
-    board = load_board(settings.path("boards", settings.board))
     machine = _machine(settings)
     backend, missing = _open(board, args.board_socket)
     try:
@@ -83,6 +83,28 @@ class _Settings:
 
     def path(self, kind: Kind, name: str) -> Path:
         return find(kind, name, self.folder)
+
+
+def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]:
+    """As they are; or as the engine was started with them, where they cannot be read any more: the
+    lines of that board must be made safe.
+    """
+    try:
+        settings = _settings(args)
+        return settings, load_board(settings.path("boards", settings.board))
+    except FileError as error:
+        if args.board is not None:
+            raise
+        try:
+            kept = board_as_started_file(args.name, "linux", None)
+            board = load_board(kept)
+        except FileError:
+            raise error from None
+        print(
+            f"{error}: the board is made safe as the engine was started with it ({kept})",
+            file=sys.stderr,
+        )
+        return _Settings("linux", str(kept), _ANY_MACHINE, kept.parent), board
 
 
 def _settings(args: argparse.Namespace) -> _Settings:

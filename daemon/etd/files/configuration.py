@@ -92,6 +92,8 @@ class LoadedConfig:
     mended: tuple[str, ...] = ()
     #: SHA-256 of each file, by what it describes; a fake without a file has no configuration.
     digests: dict[str, str] = field(default_factory=dict)
+    #: Of the board's file, as it was read.
+    board_file: Path = Path()
 
     @property
     def unaccepted_guards(self) -> tuple[str, ...]:
@@ -161,6 +163,7 @@ def _load_named(config: EtdConfig, folder: Path, source: str) -> LoadedConfig:
         source=source,
         mended=mended,
         digests={key: digest_of(path) for key, path in paths.items()},
+        board_file=paths["board"],
     )
     check_fits(array, loaded.board.switch.outputs, source)
     _check_guards(loaded)

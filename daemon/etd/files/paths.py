@@ -111,6 +111,14 @@ def supply_note_file(name: str, backend: Literal["linux", "fake"], given: Path |
     return (given or _user_state() / name) / f"supply-{backend}.json"
 
 
+def board_as_started_file(name: str, backend: Literal["linux", "fake"], given: Path | None) -> Path:
+    """A copy of the board's file as an engine was started with it, beside its note of the supply:
+    for `etd safe`, where the file, or the settings that name it, cannot be read any more. Raises:
+    FileError.
+    """
+    return supply_note_file(name, backend, given).with_name(f"board-as-started-{backend}.toml")
+
+
 def calibrating_file(name: str, which: str, ending: str = "") -> Path:
     """Where this user's unfinished calibration `which` on this daemon is kept; with an `ending`
     what else is asked for it. Raises: FileError.
