@@ -19,6 +19,7 @@ from etd.protocol.frame import TtlMs
 from etd.protocol.link import SILENCE_NS
 from etd.safety.bookings import WINDOW_NS
 from etd.safety.net_charge import LEAK_NS
+from etd.sensing import sensors
 from etd_hal import ceilings, source_rules, stopper
 from etd_hal.board_lines import SILENT_MS
 
@@ -95,6 +96,7 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "the latch": ((f"each {second(source_check.LATCH_PERIOD_NS)}",), ()),
     "each call to the kernel": ((), ()),
+    "the lines of the safe state, read back": ((), ()),
     "the length of the message": ((), ("`halt_excess_us` of the machine file",)),
     "the mean of these lengths": ((), ("`drift_us`",)),
     "scans that come late": (
@@ -114,7 +116,7 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "how the last engine ended": ((), ()),
     "the register of the switches": ((), ()),
-    "the rail": ((), ()),
+    "the rail": ((), (f"older than {ms(sensors.STALE_NS)}",)),
     "the stop lines": ((f"every {ms(sequencer.POLL_NS)} between scans",), ()),
     "the gateway": ((), (ms(SILENCE_NS),)),
     "the Pi's own report": ((f"every {asked_every_s()} s,",), ()),

@@ -182,7 +182,7 @@ class Display(Connection["zmq.Socket[bytes]"]):
         **options: Unpack[FrameOptions],
     ) -> Underway[Presented]:
         """Present while the program goes on, for 30 s at most; `wait()` says what was fired.
-        Another frame of this display ends it.
+        Another frame of this display ends it, and so does `disarm`.
         """
         return self._begun("level", levels, seconds, wait_s, options)
 
