@@ -155,7 +155,12 @@ def _play_calibration(data: bytes) -> None:
     _check_told(path, False)
 
 
+#: Keys of each form that TOML has, joined by points.
+_KEYS = b'a . "b" . "\\"" . \'c\' = 1\n"\\"".a = [1.5]\nx = { a.b = """\n\\""", c."d" = 1 }\n'
+
+
 def _calibration_seeds() -> Iterator[bytes]:
+    yield _KEYS
     yield to_toml(calibration()).encode()
     for path in sorted((_CONFIG / "calibrations").glob("*.toml")):
         data = path.read_bytes()
@@ -221,7 +226,9 @@ def _layout_seeds() -> Iterator[bytes]:
     yield json.dumps({**layout, "Electrodes_Number": 5}).encode().replace(b"5}", b"five,}")
 
 
-_FORMS = ("hal/etd_hal/tomlfile.py", "hal/etd_hal/schema_hints.py", "hal/etd_hal/names.py")
+_FORMS = tuple(
+    f"hal/etd_hal/{name}.py" for name in ("tomlfile", "toml_bounds", "schema_hints", "names")
+)
 TARGETS = (
     Target(
         "configuration",
