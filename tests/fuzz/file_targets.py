@@ -156,7 +156,7 @@ def _play_calibration(data: bytes) -> None:
 
 
 #: Keys of each form that TOML has, joined by points.
-_KEYS = b'a . "b" . "\\"" . \'c\' = 1\n"\\"".a = [1.5]\nx = { a.b = """\n\\""", c."d" = 1 }\n'
+_KEYS = b'a . "b" . "\\"" . \'c\' = 1\n"\\"".a = [1.5]\nx = { a.b = """\n\\"""", c."d" = 1 }\n'
 
 
 def _calibration_seeds() -> Iterator[bytes]:
