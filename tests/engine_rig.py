@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etd.engine.loop import Engine
-from etd.engine.opening import GivenCalibrations
-from etd.files.calibration_process import CalibrationReader
+from etd.engine.opening import CalibrationReader, GivenCalibrations
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.calibration import Calibration
 from etd.protocol.frame import Frame

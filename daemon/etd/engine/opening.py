@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from etd.files.calibration_process import CalibrationReader
+from etd.files.calibration_process import CalibrationReader as CalibrationReader
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import check_digest, digest_of
 from etd.protocol.errors import Refused
