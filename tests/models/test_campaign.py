@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
@@ -22,7 +21,7 @@ from campaign.kinds import kinds_of
 from campaign.operations import Operations
 from campaign.places import Operation, chosen
 from campaign.record import Line, in_all, lines_of, merged, played, record, recorded
-from campaign.results import BENCH, figures, is_silent, kept
+from campaign.results import BENCH, figures, is_silent
 from campaign.scene import Over
 from campaign.scenes import BOARDS, SCENES, config
 from charge_witness import even_skin
@@ -419,32 +418,3 @@ def test_a_part_of_a_class_is_not_written(part: list[str], tmp_path: Path) -> No
     asked = [sys.executable, str(RUN), "--kept", "--write", "--folder", str(tmp_path), *part]
     done = subprocess.run(asked, capture_output=True, text=True, check=False)
     assert (done.returncode, "--write with" in done.stderr) == (2, True)
-
-
-def test_a_bounded_part_of_it_holds_and_goes_on_where_it_was_cut(tmp_path: Path) -> None:
-    command = [sys.executable, str(RUN), "--bounded", "--pairs", "2", "--folder", str(tmp_path)]
-    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    said = json.loads(done.stdout)
-    found = said["by_class"]
-    for what in ("cases", "told", "silent"):
-        assert sum(one[what] for one in said["in_all"]) == sum(one[what] for one in found)
-    assert (
-        sum(one["silent"] for one in found if one["fault_class"] == "a call fails, nothing done")
-        == 0
-    )
-    assert sum(one["told"] for one in found) > 100
-    assert {one["fault_class"] for one in found} == set(bounds())
-    doubled = sum(one["cases"] for one in found if one["fault_class"] == "two at once")
-    assert doubled == 2 * len(BOARDS) * len(SCENES)
-
-    (one, *_), before = sorted(tmp_path.glob("*/*.jsonl")), {}
-    before[one] = kept(one)
-    one.write_bytes(b"".join(one.read_bytes().splitlines(keepends=True)[:-3]))
-    subprocess.run([*command, "--json"], capture_output=True, check=True)
-    again, at_first = (
-        {(each.kind, each.operation): replace(each, played="") for each in outcomes}
-        for outcomes in (kept(one), before[one])
-    )
-    assert again == at_first
-    assert all(each.version and each.played for each in kept(one))
