@@ -64,6 +64,12 @@ class SshWay:
     is_here = False
 
     def __init__(self, host: str, name: str, address: str | None = None) -> None:
+        if host.startswith("tcp://"):
+            raise Refused(
+                "bad_message",
+                f"host={host!r}: TCP is refused, since it has no keys; another computer is reached"
+                " through ssh: give a host that ssh knows, or user@host",
+            )
         if not _HOST.fullmatch(host) or not host.isprintable():
             raise Refused("bad_message", f"host={host!r}: give a host that ssh knows, or user@host")
         remote = _remote_folder(name, address)
