@@ -405,7 +405,7 @@ def test_nobody_there_is_told_at_once_and_how(tmp_path: Path) -> None:
 def test_tcp_is_refused_and_ssh_is_named() -> None:
     with pytest.raises(Refused, match=r"authenticated.*by your own ssh: Display\(host="):
         Display(address="tcp://10.0.0.1:5560")
-    with pytest.raises(Refused, match="TCP is refused.*through ssh"):
+    with pytest.raises(Refused, match=r"TCP is refused.*through ssh"):
         Display(host="tcp://10.0.0.1:5560")
     for address in ("/run/etd/main/control.sock", "ipc://", "ipc:///", ""):
         with pytest.raises(Refused, match="is not an address"):
