@@ -143,6 +143,8 @@ def test_a_file_that_was_broken_since_the_engine_was_started_does_not_keep_it_fr
     refused = rig.run(*asked)
     assert refused.status != 0, "there is no engine of such a board yet"
     kept.rename(kept.with_name("board-as-started-linux.toml"))
+    elsewhere = ("safe", "--config", str(rig.folder / "none.toml"), *asked[3:])
+    assert rig.run(*elsewhere).status != 0, "without settings there need not be that board"
     made = rig.run(*asked)
     assert made.status == 0, made.err
     assert "the board is made safe as the engine was started with it" in made.err

@@ -93,7 +93,8 @@ def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]
         settings = _settings(args)
         return settings, load_board(settings.path("boards", settings.board))
     except FileError as error:
-        if args.board is not None:
+        # Without settings this computer need not have that board any more.
+        if args.board is not None or not _settings_file(args).exists():
             raise
         try:
             kept = board_as_started_file(args.name, "linux", None)
@@ -113,7 +114,7 @@ def _settings(args: argparse.Namespace) -> _Settings:
         return _Settings(backend, args.board, args.machine, Path.cwd())
     if args.board is not None:
         args.misused("--board needs --machine: pi4, or pi3 for a Raspberry Pi 3 or Zero 2 W")
-    path = args.config or _CONFIG_FOLDER / f"{args.name}.toml"
+    path = _settings_file(args)
     said = _read(path)
     for key in ("backend", "board"):
         if not isinstance(said.get(key), str):
@@ -124,6 +125,11 @@ def _settings(args: argparse.Namespace) -> _Settings:
         args.machine or str(said.get("machine", "(none is named)")),
         path.resolve().parent,
     )
+
+
+def _settings_file(args: argparse.Namespace) -> Path:
+    named: Path | None = args.config
+    return named or _CONFIG_FOLDER / f"{args.name}.toml"
 
 
 def _read(path: Path) -> dict[str, Any]:
