@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from etd.stabilize.offset_estimate import BAND, Answer
@@ -226,6 +226,13 @@ def test_a_lone_too_strong_takes_the_same_whatever_was_said_before(story: list[M
         assert now == pytest.approx((1.0 - ANSWERED_LOWERED_BY) * was)
 
 
+@example(
+    [
+        Moment(0, frozenset({0}), "too_weak", None),
+        Moment(FELT_NS + 1, frozenset(), None, None),
+    ],
+    0,
+)
 @given(stories, electrodes)
 def test_a_first_word_of_one_electrode_takes_the_same_whatever_was_said_of_others(
     story: list[Moment], about: int
@@ -236,7 +243,8 @@ def test_a_first_word_of_one_electrode_takes_the_same_whatever_was_said_of_other
         played.fire(moment)
         if moment.about is None or about not in moment.about:
             played.say(moment)
-    before = played.offsets.factors()[about]
+    # Of what its next pulse would have had: a rise that no pulse has any more is lost as well.
+    before = played.offsets.factor(about, played.now_ns)
     played.offsets.hear("too_strong", (about,), played.now_ns)
     assert played.offsets.factors()[about] == pytest.approx((1.0 - LOWERED_BY) * before)
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from etd.files.paths import board_as_started_file
 from etd.files.resources import Kind, find
 from etd.protocol.errors import BusError, FileError
 from etd_hal.backend import Backend
@@ -96,6 +95,9 @@ def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]
         # Without settings this computer need not have that board any more.
         if args.board is not None or not _settings_file(args).exists():
             raise
+        # Where all is as it should be, it is not needed.
+        from etd.files.paths import board_as_started_file
+
         try:
             kept = board_as_started_file(args.name, "linux", None)
             board = load_board(kept)
