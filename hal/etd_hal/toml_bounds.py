@@ -22,8 +22,9 @@ MOST_TABLES = 2_000
 _ONE_LINE = r""""[^"\\\n]*(?:\\.[^"\\\n]*)*"?|'[^'\n]*'?"""
 _PART = rf"(?:[A-Za-z0-9_-]+|{_ONE_LINE})"
 _LINES = (
-    r'"""[^"\\]*(?:(?:(?s:\\.)|"(?!""))[^"\\]*)*(?:"""|\Z)'
-    r"|'''[^']*(?:'(?!'')[^']*)*(?:'''|\Z)"
+    # One or two quotes may stand before the three that end it; an escape may be all that is left.
+    r'"""[^"\\]*(?:(?:(?s:\\.)|"(?!""))[^"\\]*)*(?:"{3,5}|\\?\Z)'
+    r"|'''[^']*(?:'(?!'')[^']*)*(?:'{3,5}|\Z)"
 )
 _PARTS = re.compile(_PART)
 _TOKEN = re.compile(
@@ -42,9 +43,10 @@ def why_not(text: str) -> str | None:
         if kind == "heading":
             tables += 1
         elif kind is not None and "." in (key := token["key"]):
-            if len(_PARTS.findall(key)) > MOST_PARTS:
+            parts = len(_PARTS.findall(key))
+            if parts > MOST_PARTS:
                 return f"it is nested too deep: more than {MOST_PARTS} names are joined by points"
-            tables += kind == "has_value"
+            tables += kind == "has_value" and parts > 1
         if tables > MOST_TABLES:
             return f"it has more than {MOST_TABLES} tables"
     return None

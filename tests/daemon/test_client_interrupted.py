@@ -22,9 +22,12 @@ import zmq
 from etd import AsyncDisplay, DaemonGone, Display, Refused
 from etd.client import clock
 from etd.client.drive import drive
+from etd.files import resources
+from etd.files.calibration import load_calibration
 from etd.files.paths import CONTROL
-from etd.protocol.link import NewFrame, StopNow
+from etd.protocol.link import KeepLease, NewFrame, StopNow
 from gateway_rig import ServedRig
+from held_reader import HeldReader
 
 pytestmark = pytest.mark.slow
 
@@ -171,6 +174,22 @@ def test_what_says_whether_is_no_strength_to_open_to(rig: ServedRig, *, opened: 
         with pytest.raises(Refused, match="64 bits"):
             d.show({0: 10**400})
     assert not frames(rig)
+
+
+def test_a_lease_is_renewed_while_a_calibration_is_read() -> None:
+    reader = HeldReader()
+    with ServedRig(reader=reader) as rig:
+        folder = rig.state_dir / "calibrations"
+        folder.mkdir(parents=True)
+        shipped = resources.find("calibrations", "fake-fingertip-pad-8")
+        (folder / "P01.toml").write_bytes(shipped.read_bytes())
+        with display(rig) as d:
+            d.arm()
+            read = threading.Timer(1.2, lambda: setattr(reader, "found", load_calibration(shipped)))
+            read.start()
+            assert d.calibration("P01").array == "pad-8"
+            read.join()
+        assert sum(isinstance(heard, KeepLease) for heard in rig.engine.heard) >= 2
 
 
 # --- cancelled -----------------------------------------------------------------------------------

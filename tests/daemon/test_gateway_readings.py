@@ -6,7 +6,7 @@ Owns: what is served meanwhile, whose turn it is, and what is kept of what was r
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,39 +19,16 @@ from etd.files.calibration import load_calibration
 from etd.gateway.parsed_files import MOST, ParsedFiles, seen
 from etd.gateway.pending import MAX_READS_OF_A_USER
 from etd.gateway.readings import READ_WITHIN_NS, CalibrationReadings
-from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.link import Answer, StopNow
-from etd.protocol.peer import Peer
 from gateway_rig import GatewayRig
+from held_reader import HeldReader
 
 pytestmark = pytest.mark.slow
 
 SHIPPED = resources.find("calibrations", "fake-fingertip-pad-8")
 READ = load_calibration(SHIPPED)
 A_USER, ANOTHER = 1_234, 1_235
-
-
-class HeldReader:
-    """Reads what it is asked for when a test says so."""
-
-    def __init__(self) -> None:
-        self.begun: list[str] = []
-        self.found: Calibration | Refused | None = None
-        self.cancelled = 0
-
-    def begin(self, names: Sequence[str], gateway: Peer | None) -> None:
-        assert gateway is None
-        self.begun += names
-
-    def result(self) -> tuple[Calibration, ...] | None:
-        found, self.found = self.found, None
-        if isinstance(found, Refused):
-            raise found
-        return None if found is None else (found,)
-
-    def cancel(self) -> None:
-        self.cancelled += 1
 
 
 @pytest.fixture
@@ -108,18 +85,44 @@ def test_a_lease_is_opened_once_all_its_calibrations_were_read(
 def test_what_was_read_is_not_read_again_until_the_file_changes(
     rig: GatewayRig, reader: HeldReader
 ) -> None:
-    for found, error in (
-        (READ, None),
-        (Refused("bad_calibration", "it is bad"), "bad_calibration"),
-    ):
+    for _ in range(2):
         reader.begun.clear()
         client = asked(rig, op="calibration", do="get", name="P01")
-        reader.found = found
-        assert rig.reply(client).get("error") == error
-        assert rig.call(op="calibration", do="get", name="P01").get("error") == error
+        reader.found = READ
+        assert rig.reply(client)["ok"]
+        assert rig.call(op="calibration", do="get", name="P01")["ok"]
         assert reader.begun == ["P01"]
         file = rig.state_dir / "calibrations" / "P01.toml"
         file.write_bytes(file.read_bytes() + b"\n")
+
+
+def test_what_was_refused_is_read_again(rig: GatewayRig, reader: HeldReader) -> None:
+    """The process may have been killed: that is no property of the file."""
+    killed = Refused("bad_calibration", "it was killed")
+    for found, error in ((killed, "bad_calibration"), (READ, None)):
+        client = asked(rig, op="calibration", do="get", name="P01")
+        reader.found = found
+        assert rig.reply(client).get("error") == error
+    assert reader.begun == ["P01", "P01"]
+
+
+def test_what_another_one_has_had_read_is_answered_at_once(
+    rig: GatewayRig, reader: HeldReader
+) -> None:
+    waiting = [asked(rig, op="calibration", do="get", name="P01") for _ in range(4)]
+    reader.found = READ
+    for client in waiting:
+        assert rig.reply(client)["ok"]
+    assert reader.begun == ["P01"]
+
+
+def test_what_nobody_waits_for_any_more_is_not_read(rig: GatewayRig, reader: HeldReader) -> None:
+    first, second = (asked(rig, op="calibration", do="get", name=name) for name in ("P01", "P02"))
+    rig.clock.t_ns += 2 * READ_WITHIN_NS
+    errors = {rig.reply(client)["error"] for client in (first, second)}
+    assert errors <= {"engine_gone", "bad_calibration"}
+    rig.step(5)
+    assert reader.begun == ["P01"]
 
 
 def test_a_file_that_is_written_while_it_is_read_is_asked_for_again(
@@ -138,8 +141,8 @@ def test_of_a_user_only_so_many_wait_for_one(rig: GatewayRig, reader: HeldReader
     waiting = [asked(rig, **request) for _ in range(MAX_READS_OF_A_USER)]
     assert rig.call(**request)["error"] == "busy"
     assert rig.call(op="arm")["ok"], "what the engine answers has a bound of its own"
+    reader.found = READ
     for client in waiting:
-        reader.found = READ
         assert rig.reply(client)["ok"]
 
 
@@ -158,7 +161,7 @@ def test_one_that_takes_too_long_is_given_up_and_not_kept(
 
 def test_users_take_turns() -> None:
     reader = HeldReader()
-    readings = CalibrationReadings(reader, ParsedFiles())
+    readings = CalibrationReadings(reader, ParsedFiles(), lambda _: True)
     for ref in range(1, 4):
         readings.ask(ref, A_USER, [Path(f"of-a-{ref}.toml")])
     readings.ask(9, ANOTHER, [Path("of-b.toml")])

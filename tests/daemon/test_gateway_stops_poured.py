@@ -105,6 +105,20 @@ def test_after_an_engine_that_never_answered_the_next_stop_is_sent(poured_stops:
     assert len(poured_stops.sent()) == 2
 
 
+def test_what_waits_for_the_next_one_is_sent_though_the_one_before_was_given_up(
+    poured_stops: Poured,
+) -> None:
+    for number in range(3):
+        poured_stops.ask(POURING, number)
+    (first,) = poured_stops.sent()
+    poured_stops.pending.take(first.ref)
+    poured_stops.ask(POURING, 3)
+    _, following = poured_stops.sent()
+    assert poured_stops.answer(following.ref) == [1, 2]
+    *_, last = poured_stops.sent()
+    assert poured_stops.answer(last.ref) == [3]
+
+
 def test_each_of_a_flood_is_answered_and_the_link_stands() -> None:
     with GatewayRig() as rig, closing(connected(rig.folder / "control.sock")) as flooder:
         poured(flooder, hello("DEALER"))

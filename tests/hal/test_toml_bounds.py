@@ -5,6 +5,7 @@ Owns: that both are counted as TOML reads them, whatever stands in strings and c
 
 from __future__ import annotations
 
+import resource
 import tomllib
 
 import pytest
@@ -24,6 +25,10 @@ VALUES = (
     '"""\n[a]\na.b = "" \\""" \n"""',
     "'''\n[a]\na.b = ''1\n'''",
     "{ a = 1, b = 'c.d' }",
+    # A quote or two of its own before those that end it.
+    '["""a.b""""", """[c].d""""]',
+    "['''a.b''''', '''[c].d'''']",
+    "{ \"a.1\" = 1, 'b.c' = 2 }",
 )
 
 
@@ -53,6 +58,25 @@ def test_what_stands_in_values_and_comments_is_not_counted(values: list[str], en
     lines = [f"k{number} = {value}{end}\n" for number, value in enumerate(values)]
     tomllib.loads("".join(lines))
     assert why_not("".join(lines) * (MOST_TABLES // 4)) is None
+
+
+@pytest.mark.parametrize("text", ['x = ["""a"""", """b"""]', "x = ['''a'''', '''b''']"])
+def test_nothing_is_hidden_behind_a_text_that_ends_in_more_quotes(text: str) -> None:
+    tomllib.loads(text)
+    assert "joined by points" in (why_not(f"{text}\n{'.'.join('a' * 17)} = 1") or "")
+    assert "tables" in (why_not(text + "\n[[a]]" * (MOST_TABLES + 1)) or "")
+
+
+@pytest.mark.parametrize("opened", ['"""', "'''", '"', "'", "a.", ""])
+@pytest.mark.parametrize("piece", ['\\"""\n', "\\", '"', "'", ". ", '\\"'])
+@pytest.mark.parametrize("end", ["\\", "", '"'])
+def test_the_walk_takes_a_time_that_grows_with_the_text_alone(
+    opened: str, piece: str, end: str
+) -> None:
+    """A text that never ends must not be walked to its end again from each of its places."""
+    before_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    why_not(f"{opened}\n{piece * 40_000}{end}")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - before_s < 2.0
 
 
 @given(st.text("ab.=[]{}\"'\\# \n\t,", max_size=200))

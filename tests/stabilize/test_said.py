@@ -226,13 +226,8 @@ def test_a_lone_too_strong_takes_the_same_whatever_was_said_before(story: list[M
         assert now == pytest.approx((1.0 - ANSWERED_LOWERED_BY) * was)
 
 
-@example(
-    [
-        Moment(0, frozenset({0}), "too_weak", None),
-        Moment(FELT_NS + 1, frozenset(), None, None),
-    ],
-    0,
-)
+@example([Moment(0, frozenset({0}), "too_weak", None),
+          Moment(FELT_NS + 1, frozenset(), None, None)], 0)  # fmt: skip
 @given(stories, electrodes)
 def test_a_first_word_of_one_electrode_takes_the_same_whatever_was_said_of_others(
     story: list[Moment], about: int

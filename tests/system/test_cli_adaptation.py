@@ -137,6 +137,59 @@ def test_what_was_too_strong_in_use_is_stored_before_it_is_asked_whether_it_was(
         assert now.cap_ua < was.cap_ua
 
 
+def test_what_is_stored_under_that_name_is_taken_down_from_what_it_is_and_never_rises(
+    rig: CommandRig,
+) -> None:
+    """It may be of another day than the baseline. A key that slipped leaves it as it was."""
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    another_day = replace(
+        before,
+        is_whole_accepted=True,
+        electrode=tuple(
+            replace(one, threshold_ua=600, comfortable_ua=700, cap_ua=1_200 + 1_000 * (number % 2))
+            for number, one in enumerate(before.electrode)
+        ),
+    )
+    asked = ("calibrate", "fake", "--adaptation", "--baseline", BASELINE, "--as", "B04", "--arm")
+    path = rig.folder / "P.toml"
+    with rig.daemon("--array", "pad-8"):
+        path.write_text(to_toml(another_day))
+        assert rig.run("calibration", "import", str(path), "--as", "B04").status == 0
+        at = AtTerminal(rig, *asked, "--use-s", str(QUESTIONS))
+        try:
+            Wearer(at).answer("How strong was all of it together?", *"fffffffff")
+            at.command.line_with("Is it as strong as at first?", "stdout")
+            at.press(b"t")
+            at.command.line_with("Was it so? t again", "stdout")
+            lowered = exported(rig, "B04")
+            at.press(b"s")
+            at.command.line_with("Is it as strong as at first?", "stdout")
+            assert exported(rig, "B04") == another_day
+            at.command.process.kill()
+            at.command.ended()
+        finally:
+            at.close()
+    assert lowered != another_day
+    for was, now in zip(another_day.electrode, lowered.electrode, strict=True):
+        assert now.cap_ua <= was.cap_ua
+        assert now.comfortable_ua <= was.comfortable_ua
+
+
+def test_a_name_under_which_caps_are_lower_is_no_place_for_the_baselines(rig: CommandRig) -> None:
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    first, *others = before.electrode
+    path = rig.folder / "P.toml"
+    path.write_text(
+        to_toml(replace(before, electrode=(replace(first, cap_ua=first.cap_ua - 10), *others)))
+    )
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "A01").status == 0
+        told = rig.run(*IN_USE)
+    assert told.status == 2
+    assert "A01 has lower caps than fake-fingertip-pad-8" in told.err
+    assert "--baseline A01" in told.err
+
+
 def test_what_could_not_be_stored_is_not_said_to_be(rig: CommandRig) -> None:
     before = load_calibration(resources.find("calibrations", BASELINE))
     path = rig.folder / "P.toml"

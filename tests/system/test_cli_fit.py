@@ -18,7 +18,7 @@ from engine_scenes import exponent
 from etd.calibrate.conditions import Conditions, identity
 from etd.calibrate.exponent import Asked
 from etd.calibrate.fitting import STATES, FitProgress, electrodes_to_ask
-from etd.calibrate.progress import save_progress
+from etd.calibrate.progress import capped, save_progress
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import Calibration, ElectrodeLimits
@@ -217,6 +217,18 @@ def test_what_was_too_strong_stays_so_in_a_fit_that_was_begun_anew(rig: CommandR
         made = exported(rig, "K01")
     assert made.electrode == (lower, second, *others)
     assert made.exponent is not None
+
+
+def test_what_was_too_strong_below_its_threshold_stays_so(rig: CommandRig) -> None:
+    first, *others = shipped().electrode
+    below = capped(first, first.threshold_ua - 20, first.comfortable_ua)
+    assert not below.felt
+    saved(rig, 0.05, daemon="main")
+    with rig.daemon("--array", "pad-8"):
+        import_as(rig, replace(shipped(), electrode=(below, *others)), "K01")
+        told = rig.run(*FIT)
+        assert told.status == 0, told.err
+        assert exported(rig, "K01").electrode == (below, *others)
 
 
 def test_what_a_run_before_could_not_store_is_stored_before_anything_is_shown(

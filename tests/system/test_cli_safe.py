@@ -133,16 +133,24 @@ def test_a_file_that_was_broken_since_the_engine_was_started_does_not_keep_it_fr
     with rig.daemon("--board", "fake", "--array", "pad-8"):
         (kept,) = rig.folder.rglob("board-as-started-fake.toml")
         shipped = find("boards", BOARD)
-        assert kept.read_bytes() == shipped.read_bytes()
+        assert kept.read_bytes().endswith(shipped.read_bytes())
         assert kept.stat().st_mode & 0o777 == 0o600
     settings, edited = rig.folder / "main.toml", rig.folder / "edited.toml"
     edited.write_text(shipped.read_text().replace("[maxima]", "[maxima]\ntypo = 1"))
     said = f'backend = "linux"\nboard = "{edited}"\nmachine = "pi4"\n'
     settings.write_text("backend = [" if broken == "settings" else said)
     asked = ("safe", "--config", str(settings), "--board-socket", str(board.socket))
-    refused = rig.run(*asked)
-    assert refused.status != 0, "there is no engine of such a board yet"
-    kept.rename(kept.with_name("board-as-started-linux.toml"))
+    assert rig.run(*asked).status != 0, "there is no engine of such a board yet"
+    head, _, text = kept.read_text().partition("\n")
+    of = json.loads(head.removeprefix("# etd: "))
+    assert of["file"] == str(shipped)
+    started = kept.with_name("board-as-started-linux.toml")
+    # Of another start of the computer, or of another board's file.
+    others = [{**of, "boot": "another"}, *([of] if broken == "board" else [])]
+    for other in others:
+        started.write_text(f"# etd: {json.dumps(other)}\n{text}")
+        assert rig.run(*asked).status != 0
+    started.write_text(f"# etd: {json.dumps({**of, 'file': str(edited)})}\n{text}")
     elsewhere = ("safe", "--config", str(rig.folder / "none.toml"), *asked[3:])
     assert rig.run(*elsewhere).status != 0, "without settings there need not be that board"
     made = rig.run(*asked)

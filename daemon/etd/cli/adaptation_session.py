@@ -31,10 +31,11 @@ from etd.calibrate.conditions import check_baseline, check_conditions, check_dat
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
+from etd.calibrate.progress import capped
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import marked, store, tell_trials
+from etd.cli.calibrate_result import kept_lower, marked, store, stored_of_same, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
@@ -77,6 +78,14 @@ class AdaptationSession:
         self._whole = before_use(conditions, self._baseline)
         self._before = dict(self._whole.found)
         self._stored = dict(self._whole.found)
+        self._in_use = stored_of_same(display, which, self._baseline)
+        if self._in_use is not None and kept_lower(self._baseline, self._in_use) != self._baseline:
+            raise FileError(
+                "the baseline",
+                "electrode",
+                f"{which} has lower caps than {args.baseline}: something was too strong since",
+                f"--baseline {which}, or another name with --as",
+            )
         if not self._whole.level_1_ua:
             raise FileError(
                 "the calibration",
@@ -231,9 +240,33 @@ class AdaptationSession:
         """
         if self._whole.found == self._stored:
             return
-        made = self._made(None) if self._whole.found != self._before else self._baseline
+        if self._whole.found != self._before:
+            made = self._taken_down()
+        else:
+            # A key that slipped: as it was.
+            made = self._baseline if self._in_use is None else self._in_use
         self._display.set_calibration(self._which, marked(self._display, made))
         self._stored = dict(self._whole.found)
+
+    def _taken_down(self) -> Calibration:
+        """What is in use under that name, without what was too strong: nothing of it rises."""
+        made = self._made(None)
+        if self._in_use is None:
+            return made
+        both = zip(self._in_use.electrode, made.electrode, strict=True)
+        each = tuple(
+            capped(
+                stored,
+                min(stored.cap_ua, new.cap_ua),
+                min(stored.comfortable_ua, new.comfortable_ua),
+            )
+            if stored.felt
+            else stored
+            for stored, new in both
+        )
+        return msgspec.structs.replace(
+            self._in_use, electrode=each, is_whole_accepted=None, adaptation=None
+        )
 
     def _store_in_the_end(self) -> None:
         """However it ends. Nothing is presented any more."""

@@ -17,7 +17,7 @@ from etd.cli.arming import safe_again
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import to_toml
-from etd.protocol.calibration import Calibration
+from etd.protocol.calibration import Calibration, ElectrodeLimits
 
 
 def store(
@@ -43,6 +43,38 @@ def marked(display: Display, made: Calibration) -> Calibration:
     """What is stored: of a fake board, that it is modelled."""
     is_fake = display.facts.board.backend == "fake"
     return replace(made, modelled=True) if is_fake else made
+
+
+def stored_of_same(display: Display, which: str, made: Calibration) -> Calibration | None:
+    """What is stored as `which` of the same person and pulses: what they may be using. Raises:
+    Refused.
+    """
+    if which not in display.calibrations():
+        return None
+    stored = display.calibration(which)
+    fields = ("participant", "body_site", "array", "polarity", "width_us")
+    same = all(getattr(stored, field) == getattr(made, field) for field in fields)
+    return stored if same else None
+
+
+def kept_lower(made: Calibration, stored: Calibration) -> Calibration:
+    """`made` without what was too strong since: an electrode of `stored` that has its threshold and
+    a lower cap stays as it is.
+    """
+    both = zip(made.electrode, stored.electrode, strict=True)
+    each = tuple(
+        old if _felt_from_ua(old) == _felt_from_ua(new) and old.cap_ua < new.cap_ua else new
+        for new, old in both
+    )
+    if each == made.electrode:
+        return made
+    # What was found of all of them together is of others.
+    return replace(made, electrode=each, is_whole_accepted=None, adaptation=None)
+
+
+def _felt_from_ua(limits: ElectrodeLimits) -> int:
+    """Its threshold, also where the cap was taken down below that."""
+    return limits.threshold_ua if limits.felt_from_ua is None else limits.felt_from_ua
 
 
 def same_command(args: argparse.Namespace) -> str:

@@ -39,7 +39,14 @@ from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import marked, same_command, store, tell_trials
+from etd.cli.calibrate_result import (
+    kept_lower,
+    marked,
+    same_command,
+    store,
+    stored_of_same,
+    tell_trials,
+)
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
@@ -162,7 +169,9 @@ class FitSession:
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
             tell_trials(self._args, self.trials)
             return 1
-        made = msgspec.structs.replace(self._kept_lower(), exponent=found)
+        made = msgspec.structs.replace(
+            kept_lower(self._fitting.lowered(self._baseline), self._stored), exponent=found
+        )
         store(self._args, self._display, self._which, made, self._file)
         self._answer(found, made)
         return 0
@@ -189,25 +198,6 @@ class FitSession:
             print(shown(doubt))
         if self.trials is not None:
             print(f"trials: {self.trials}")
-
-    def _kept_lower(self) -> Calibration:
-        """The baseline without what was too strong, in this fit or since: an electrode of what is
-        in use that has the baseline's threshold and less above it stays as it is.
-        """
-        made = self._fitting.lowered(self._baseline)
-        both = zip(made.electrode, self._stored.electrode, strict=True)
-        each = tuple(
-            stored
-            if stored.threshold_ua == new.threshold_ua and stored.cap_ua < new.cap_ua
-            else new
-            for new, stored in both
-        )
-        if each == made.electrode:
-            return made
-        # What was found of all of them together is of others.
-        return msgspec.structs.replace(
-            made, electrode=each, is_whole_accepted=None, adaptation=None
-        )
 
     @property
     def trials(self) -> str | None:
@@ -267,14 +257,7 @@ class FitSession:
         may be using: what is too strong is taken from it. Where there is none for this person and
         these pulses, the baseline is stored under that name. Raises: Refused.
         """
-        if self._which not in self._display.calibrations():
-            return self._baseline
-        stored = self._display.calibration(self._which)
-        same = all(
-            getattr(stored, field) == getattr(self._baseline, field)
-            for field in ("participant", "body_site", "array", "polarity", "width_us")
-        )
-        return stored if same else self._baseline
+        return stored_of_same(self._display, self._which, self._baseline) or self._baseline
 
     def _go_on_from(self, made: Calibration) -> None:
         """What is saved is of the calibration as it is now, so that the same command continues."""

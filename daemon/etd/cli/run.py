@@ -23,7 +23,7 @@ from pathlib import Path
 from etd.cli import options
 from etd.cli.extras import check_fake
 from etd.cli.part_ending import status_of_part
-from etd.files.atomic_file import write_atomically
+from etd.files.as_started import keep_as_started
 from etd.files.configuration import LoadedConfig, fake_config, load_config
 from etd.files.paths import (
     CONTROL,
@@ -291,7 +291,7 @@ def _run_engine(
     try:
         make_own(note.parent, 0o700)
         as_started = board_as_started_file(args.name, loaded.config.backend, given)
-        write_atomically(as_started, loaded.board_file.read_bytes(), mode=0o600)
+        keep_as_started(as_started, loaded.board_file)
     except FileError as error:
         refusal = str(error)
     except OSError:

@@ -88,26 +88,26 @@ def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]
     """As they are; or as the engine was started with them, where they cannot be read any more: the
     lines of that board must be made safe.
     """
+    named: Path | None = None
     try:
         settings = _settings(args)
-        return settings, load_board(settings.path("boards", settings.board))
+        named = settings.path("boards", settings.board).resolve()
+        return settings, load_board(named)
     except FileError as error:
         # Without settings this computer need not have that board any more.
         if args.board is not None or not _settings_file(args).exists():
             raise
         # Where all is as it should be, it is not needed.
-        from etd.files.paths import board_as_started_file
+        from etd.files.as_started import as_started
 
-        try:
-            kept = board_as_started_file(args.name, "linux", None)
-            board = load_board(kept)
-        except FileError:
-            raise error from None
+        kept = as_started(args.name, named)
+        if kept is None:
+            raise
         print(
             f"{error}: the board is made safe as the engine was started with it ({kept})",
             file=sys.stderr,
         )
-        return _Settings("linux", str(kept), _ANY_MACHINE, kept.parent), board
+        return _Settings("linux", str(kept), _ANY_MACHINE, kept.parent), load_board(kept)
 
 
 def _settings(args: argparse.Namespace) -> _Settings:

@@ -111,9 +111,12 @@ class AsyncExchange:
         self.used_ns = clock.now_ns()
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if await self._is_there(socket, zmq.POLLOUT, deadline_ns):
+        while await self._is_there(socket, zmq.POLLOUT, deadline_ns):
             sent_ns = clock.now_ns()
-            await socket.send(ask.data, zmq.NOBLOCK)
+            try:
+                await socket.send(ask.data, zmq.NOBLOCK)
+            except zmq.Again:
+                continue  # as in `Exchange`
             while await self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
                 parts: list[Any] = await socket.recv_multipart()
                 got_ns = clock.now_ns()
@@ -121,6 +124,7 @@ class AsyncExchange:
                 if reply is not None:
                     self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                     return reply
+            break
         self.hang_up()
         raise silent(self._way, f"no answer to {ask.op} within {ask.timeout_s:g} s")
 

@@ -34,6 +34,8 @@ def drive(
                 done = raised = None
                 done = do(step)
         except StopIteration as end:
+            if not has_ended(steps):
+                raise  # of a step, and no result
             result: R = end.value
             return result
         except raised_within as error:

@@ -90,10 +90,12 @@ class Exchange:
         self.used_ns = clock.now_ns()
         socket = self._connected()
         deadline_ns = clock.now_ns() + int(ask.timeout_s * 1e9)
-        if self._is_there(socket, zmq.POLLOUT, deadline_ns):
+        while self._is_there(socket, zmq.POLLOUT, deadline_ns):
             sent_ns = clock.now_ns()
-            # It has room: nobody else sends by it.
-            socket.send(ask.data, zmq.NOBLOCK)
+            try:
+                socket.send(ask.data, zmq.NOBLOCK)
+            except zmq.Again:
+                continue  # the other end has hung up since: another one may come in time
             while self._is_there(socket, zmq.POLLIN, deadline_ns, ask.keep):
                 data = socket.recv_multipart()[-1]
                 got_ns = clock.now_ns()
@@ -101,6 +103,7 @@ class Exchange:
                 if reply is not None:
                     self._session.daemon_clock.observe(sent_ns, got_ns, reply.now_ns)
                     return reply
+            break
         self.hang_up()
         raise silent(self._way, f"no answer to {ask.op} within {ask.timeout_s:g} s")
 

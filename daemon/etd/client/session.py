@@ -219,9 +219,8 @@ class Session:
             yield from self.opened()
         for _ in range(_OVERTAKEN):
             try:
-                reply: FrameReply = yield self._ask(
-                    "frame", self._numbered(fields, after, lease, of)
-                )
+                numbered = self._numbered(fields, after, lease, of)
+                reply: FrameReply = yield self._ask("frame", numbered)
             except Refused as refusal:
                 # A frame that goes on beside the program was numbered later, and came first.
                 if refusal.code != "old_seq" or after is not None:
@@ -244,8 +243,7 @@ class Session:
         was sent under, if that may have ended.
         """
         asked = {"lease": lease or self._held_lease(), "seq": seq}
-        keep = None if self.lease is None else self._keep_data
-        reply: AccountReply = yield self._ask("account", asked, keep=keep)
+        reply: AccountReply = yield self._ask("account", asked, keep=self._keeping)
         return reply.account
 
     def streamed(self, fields: dict[str, object]) -> bytes:
@@ -258,10 +256,9 @@ class Session:
         return reply.names
 
     def get_calibration(self, name: str) -> Flow[Calibration]:
-        wait_s = max(_READ_S, self._timeout_s)
-        reply: CalibrationReply = yield self._ask(
-            "calibration", {"do": "get", "name": name}, timeout_s=wait_s
-        )
+        wait_s, keep = max(_READ_S, self._timeout_s), self._keeping
+        asked: dict[str, object] = {"do": "get", "name": name}
+        reply: CalibrationReply = yield self._ask("calibration", asked, wait_s, keep)
         if reply.calibration is None:
             raise Refused("not_found", f"the daemon sent no calibration {name!r}")
         return reply.calibration
@@ -271,9 +268,8 @@ class Session:
 
     def stop_record(self) -> Flow[None]:
         """Raises: Refused (`no_record`; `record_failed`, if its end is not on the disk)."""
-        keep = None if self.lease is None else self._keep_data
         reply: RecordReply = yield self._ask(
-            "record", {"do": "stop"}, timeout_s=max(_DISK_S, self._timeout_s), keep=keep
+            "record", {"do": "stop"}, timeout_s=max(_DISK_S, self._timeout_s), keep=self._keeping
         )
         if reply.problem is not None:
             raise Refused("record_failed", f"its end is missing: {reply.problem}")
@@ -390,6 +386,11 @@ class Session:
             raise Refused("no_lease", f"{why}: call arm() first")
         raise Refused("no_lease", "this display holds no lease: call arm() first")
 
+    @property
+    def _keeping(self) -> Callable[[], bytes] | None:
+        """What renews the lease, if there is one, while a reply is waited for."""
+        return None if self.lease is None else self._keep_data
+
     def _keep_data(self) -> bytes:
         return self._ask("keep", {"lease": self.lease}).data
 
@@ -416,7 +417,6 @@ class Session:
         self,
         op: str,
         fields: dict[str, object] | None = None,
-        *,
         timeout_s: float | None = None,
         keep: Callable[[], bytes] | None = None,
     ) -> Ask:

@@ -10,7 +10,7 @@ turns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,6 @@ from typing import Final
 from etd.files.calibration_process import CalibrationReader
 from etd.gateway.parsed_files import ParsedFiles, Seen, seen
 from etd.gateway.turns import Sender, Turns
-from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.link import Answer
 
@@ -47,11 +46,14 @@ class _UnderWay:
 
 
 class CalibrationReadings:
-    """`read`: where it is kept what a file held, or why it was refused."""
+    """`read`: where it is kept what a file held. `is_waited_for`: whether a ref is."""
 
-    def __init__(self, reader: CalibrationReader, read: ParsedFiles) -> None:
+    def __init__(
+        self, reader: CalibrationReader, read: ParsedFiles, is_waited_for: Callable[[int], bool]
+    ) -> None:
         self._reader = reader
         self._read = read
+        self._is_waited_for = is_waited_for
         self._waiting: Turns[_Wanted] = Turns()
         self._under_way: _UnderWay | None = None
 
@@ -79,7 +81,7 @@ class CalibrationReadings:
 
     def _begun(self, now_ns: int, found: list[Answer]) -> _UnderWay | None:
         """The next one; None: none waits, or the last reader is still ending."""
-        wanted = self._waiting.take()
+        wanted = self._next(found)
         if wanted is None:
             return None
         path = wanted.left[0]
@@ -95,21 +97,35 @@ class CalibrationReadings:
         return under_way
 
     def _has_ended(self, under_way: _UnderWay, now_ns: int, found: list[Answer]) -> bool:
-        result: Calibration | Refused
+        wanted = under_way.wanted
         try:
             read = self._reader.result()
-            if read is None:
-                return now_ns >= under_way.until_ns and self._give_up(under_way, found)
-            (result,) = read
         except Refused as refusal:
-            result = refusal
-        self._read.keep(under_way.path, under_way.as_seen, result)
-        wanted = under_way.wanted
+            # Not kept: the next time it may be read.
+            found.append(Answer(ref=wanted.ref, error=refusal.code, reason=refusal.reason))
+            return True
+        if read is None:
+            return now_ns >= under_way.until_ns and self._give_up(under_way, found)
+        (calibration,) = read
+        self._read.keep(under_way.path, under_way.as_seen, calibration)
         if len(wanted.left) > 1:
             self._wait(_Wanted(wanted.ref, wanted.uid, wanted.left[1:]))
         else:
             found.append(Answer(ref=wanted.ref))
         return True
+
+    def _next(self, found: list[Answer]) -> _Wanted | None:
+        """Whose file is to be read. What others have had read meanwhile is answered at once, and
+        what nobody waits for any more is left.
+        """
+        while (wanted := self._waiting.take()) is not None:
+            left = tuple(path for path in wanted.left if self._read.get(path) is None)
+            if not self._is_waited_for(wanted.ref):
+                continue
+            if left:
+                return _Wanted(wanted.ref, wanted.uid, left)
+            found.append(Answer(ref=wanted.ref))
+        return None
 
     def _give_up(self, under_way: _UnderWay, found: list[Answer]) -> bool:
         self._reader.cancel()

@@ -101,7 +101,7 @@ class Gateway:
         folder = config.calibrations or config.state_dir / "calibrations"
         calibrations = CalibrationStore(folder, config.shipped_calibrations)
         reader = reader or CalibrationProcess(folder, config.shipped_calibrations, None)
-        self._readings = CalibrationReadings(reader, calibrations.read)
+        self._readings = CalibrationReadings(reader, calibrations.read, self._pending.has)
         self._stops = Stops(self._engine, self._pending)
         frames = FrameHandler(self._engine, self._leases, shown)
         self._streams = Streams(self._sockets.frames, frames, self.counters, self._record_streamed)

@@ -48,7 +48,11 @@ class Stops:
         """
         client = stop.client or f"user {inbound.uid}"
         of_user = self._of_user.get(inbound.uid)
-        if of_user is None or not self._pending.has(of_user.sent):
+        if of_user is not None and not self._pending.has(of_user.sent):
+            # It was given up; what waits for the next one must not wait for that answer.
+            self.answered(of_user.sent)
+            of_user = self._of_user.get(inbound.uid)
+        if of_user is None:
             ref = self._pending.next_ref()
             self._engine.stop(StopNow(ref=ref, client=client))
             self._of_user[inbound.uid] = _OfUser(ref)

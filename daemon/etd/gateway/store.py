@@ -41,12 +41,10 @@ class CalibrationStore:
         return tuple(path for path in paths if self.read.get(path) is None)
 
     def get(self, name: str, with_shipped: bool) -> Calibration:
-        """As it was read. Raises: Refused (`not_found`, `bad_calibration`, `busy`)."""
+        """As it was read. Raises: Refused (`not_found`, `busy`)."""
         found = self.read.get(self._folder.find(name, with_shipped))
         if found is None:
             raise Refused("busy", f"{name!r} was written while it was read: ask again")
-        if isinstance(found, Refused):
-            raise found
         return found
 
     def check_kept(self) -> None:

@@ -1,0 +1,48 @@
+"""The board's file as the engine was started with it: a copy for `etd safe`.
+
+Owns: the copy, and when it still counts. Must not know: what a board is, what is made of the copy.
+
+A file, or settings, that were edited while the engine ran may be such as cannot be read. The lines
+of the board that the engine had must be made safe all the same; but of no other board: so the copy
+counts until the computer is started again, and only for the file that it is of.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+
+from etd.files.atomic_file import write_atomically
+from etd.files.paths import board_as_started_file
+from etd.protocol.errors import FileError
+
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+_HEAD = "# etd: "
+
+
+def keep_as_started(copy: Path, file: Path) -> None:
+    """Nothing of an earlier start is left, whatever becomes of this one.
+
+    Raises: OSError, FileError.
+    """
+    copy.unlink(missing_ok=True)
+    of = json.dumps({"boot": _boot(), "file": str(file.resolve())})
+    write_atomically(copy, f"{_HEAD}{of}\n".encode() + file.read_bytes(), mode=0o600)
+
+
+def as_started(name: str, file: Path | None) -> Path | None:
+    """The copy, if it is of this boot, and of the `file` that the settings name, as far as that is
+    known.
+    """
+    with contextlib.suppress(OSError, ValueError, FileError):
+        copy = board_as_started_file(name, "linux", None)
+        with copy.open(encoding="utf-8") as lines:
+            of = json.loads(lines.readline().removeprefix(_HEAD))
+        if of["boot"] == _boot() and (file is None or of["file"] == str(file)):
+            return copy
+    return None
+
+
+def _boot() -> str:
+    return _BOOT.read_text(encoding="ascii").strip()
