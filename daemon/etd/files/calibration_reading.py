@@ -33,7 +33,7 @@ from etd_hal.tomlfile import load_bytes
 #: Of those of a lease together, in msgpack: they fit into a message between engine and gateway.
 MOST_TOGETHER_BYTES = 160 * 1024
 #: What Python and its libraries map is some 100 MB; the largest file takes 20 MB more.
-MEMORY_BYTES = 512 * 1024 * 1024
+MEMORY_BYTES = 256 * 1024 * 1024
 _PROCESSOR_S = 6
 #: It ends by itself then, if the engine has died and nobody ends it.
 _LIFE_S = 20
