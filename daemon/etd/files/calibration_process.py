@@ -28,6 +28,8 @@ from etd.protocol.text import shown
 
 _READ_BYTES = 65_536
 _ENDS_WITHIN_S = 2.0
+#: Whoever asks for it has more urgent things to do; strangers that pour have fewer.
+_NICE = 10
 _decoder = msgspec.msgpack.Decoder(Found)
 
 
@@ -157,6 +159,9 @@ class CalibrationProcess:
             raise
         finally:
             os.close(writing)
+        # Where that is not permitted it shares the processor.
+        with contextlib.suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICE)
         os.set_blocking(reading, False)
         self._answer = reading
 
