@@ -120,7 +120,7 @@ def vanishing(rig: ServedRig, tmp_path: Path) -> Iterator[Vanishing]:
 def test_a_daemon_that_is_gone_while_it_arms_is_told_within_the_time_given(
     vanishing: Vanishing, tmp_path: Path
 ) -> None:
-    """The lease is renewed meanwhile, and nobody is there to take that."""
+    """The lease is renewed meanwhile, and those sends have no peer."""
     begun_ns = clock.now_ns()
     with Display(address=f"ipc://{tmp_path / CONTROL}", **LIMITS) as d:
         with pytest.raises(DaemonGone):

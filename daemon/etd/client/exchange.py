@@ -120,7 +120,7 @@ class Exchange:
                 return True
             self._check_alive()
             if keep is not None:
-                # Where nobody is there to take it, it must not be waited for.
+                # Without a peer a blocking send would never return.
                 with suppress(zmq.Again):
                     socket.send(keep(), zmq.NOBLOCK)
         return False

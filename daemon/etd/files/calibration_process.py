@@ -28,7 +28,7 @@ from etd.protocol.text import shown
 
 _READ_BYTES = 65_536
 _ENDS_WITHIN_S = 2.0
-#: Whoever asks for it has more urgent things to do; strangers that pour have fewer.
+#: Behind the engine and the gateway, ahead of programs at nice 19.
 _NICE = 10
 _decoder = msgspec.msgpack.Decoder(Found)
 
