@@ -59,11 +59,15 @@ def _attack(stranger: Stranger, folder: Path) -> int:
 
 @dataclass(frozen=True)
 class Figures:
-    """Of stops, in ms; `lost`: within ten seconds no reply came. Of the gateway, the most."""
+    """Of stops, in ms, and before each a new client's connection and first reply; `lost`: within
+    ten seconds no reply came. Of the gateway, the most.
+    """
 
     load: str
     stops: int
     lost: int
+    connected_p50_ms: float
+    connected_p99_ms: float
     heard_p50_ms: float
     heard_p99_ms: float
     answered_p50_ms: float
@@ -124,24 +128,29 @@ def measure(load: str, strangers: tuple[str, ...], stops: int) -> Figures:
 
 def _stop(
     gateway: _Gateway, reports: zmq.Socket[bytes], *, is_poured: bool
-) -> tuple[float, float] | None:
-    """In ms until the engine heard it, and until its reply; None if that did not come. Where other
-    stops have halted it before, it was heard by its reply at the latest, and that is what counts.
+) -> tuple[float, float, float] | None:
+    """In ms: until a new client has a first reply; of its stop, until the engine heard it, and
+    until its reply. None if one did not come. Where other stops have halted it before, it was heard
+    by its reply at the latest, and that is what counts.
     """
+    made_ns = clock.now_ns()
     with client_of(gateway.folder, zmq.DEALER) as client:
-        _asked(client, b'{"op": "clear"}')
+        if _asked(client, b'{"op": "clear"}') is None:
+            return None
+        connected_ms = (clock.now_ns() - made_ns) / 1e6
         gateway.look()
         begun_ns = clock.now_ns()
         if _asked(client, b'{"op": "stop", "client": "bench"}') is None:
             return None
         answered_ns = clock.now_ns()
         if is_poured:
-            return ((answered_ns - begun_ns) / 1e6,) * 2
+            return connected_ms, *((answered_ns - begun_ns) / 1e6,) * 2
         while reports.poll(_WITHIN_MS):
             topic, report = reports.recv_multipart()
             heard_ns = json.loads(report)["t_ns"] if topic == b"halt" else 0
             if heard_ns >= begun_ns:
-                return (heard_ns - begun_ns) / 1e6, (answered_ns - begun_ns) / 1e6
+                times_ns = (heard_ns - begun_ns, answered_ns - begun_ns)
+                return connected_ms, times_ns[0] / 1e6, times_ns[1] / 1e6
         return None
 
 
@@ -150,14 +159,18 @@ def _asked(client: zmq.Socket[bytes], request: bytes) -> bytes | None:
     return client.recv() if client.poll(_WITHIN_MS) else None
 
 
-def _figures(load: str, found: list[tuple[float, float] | None], gateway: _Gateway) -> Figures:
+def _figures(
+    load: str, found: list[tuple[float, float, float] | None], gateway: _Gateway
+) -> Figures:
     whole = [one for one in found if one is not None]
     assert whole, f"{load}: no stop was answered"
-    heard, answered = (sorted(column) for column in zip(*whole, strict=True))
+    connected, heard, answered = (sorted(column) for column in zip(*whole, strict=True))
     return Figures(
         load,
         stops=len(found),
         lost=len(found) - len(whole),
+        connected_p50_ms=_percentile(connected, 0.5),
+        connected_p99_ms=_percentile(connected, 0.99),
         heard_p50_ms=_percentile(heard, 0.5),
         heard_p99_ms=_percentile(heard, 0.99),
         answered_p50_ms=_percentile(answered, 0.5),
@@ -183,12 +196,21 @@ def bounds(found: Figures) -> list[Bound]:
 
 def show(console: Console, found: list[Figures]) -> None:
     table = Table(title="a stop, and the gateway, while strangers do what they can")
-    for title in ("", "stops", "heard ms (p50, p99)", "answered ms", "MB", "descriptors"):
+    for title in (
+        "",
+        "stops",
+        "connected ms (p50, p99)",
+        "heard ms",
+        "answered ms",
+        "MB",
+        "descriptors",
+    ):
         table.add_column(title, justify="left" if not title else "right")
     for one in found:
         table.add_row(
             one.load,
             f"{one.stops}" + (f", {one.lost} LOST" if one.lost else ""),
+            f"{one.connected_p50_ms:.1f}, {one.connected_p99_ms:.1f}",
             f"{one.heard_p50_ms:.1f}, {one.heard_p99_ms:.1f}",
             f"{one.answered_p50_ms:.1f}, {one.answered_p99_ms:.1f}",
             f"{one.most_mb:.0f}",

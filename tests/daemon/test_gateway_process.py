@@ -5,6 +5,7 @@ Owns: signals, the lock after a kill, and what the engine sees of it.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -20,6 +21,7 @@ from command_rig import WITHIN_S
 from etd import AlreadyRunning, Display
 from etd.files.paths import address_of
 from etd.gateway.config import GatewayConfig
+from etd.gateway.process import run_gateway
 from etd.gateway.server import Gateway
 from gateway_rig import HandClock
 from scripted_engine import ScriptedEngine
@@ -70,6 +72,29 @@ def test_it_serves_until_it_is_told_to_end(folder: Path, ending: signal.Signals)
         running.send_signal(ending)
         assert running.wait(WITHIN_S) == 0
     assert not (folder / "control.sock").exists()
+
+
+def test_a_collection_steps_through_nothing_that_is_there_from_the_beginning(
+    folder: Path,
+) -> None:
+    """It would take 10 ms and more, in the middle of a turn."""
+
+    class Ready(Exception):
+        pass
+
+    def ready() -> None:
+        frozen.append(gc.get_freeze_count())
+        raise Ready
+
+    gc.unfreeze()
+    frozen: list[int] = []
+    config = GatewayConfig(name="p", runtime_folder=folder, state_dir=folder / "state")
+    try:
+        with pytest.raises(Ready):
+            run_gateway(config, HandClock(), ready)
+        assert frozen[0] > 10_000
+    finally:
+        gc.unfreeze()
 
 
 def test_a_second_process_of_the_name_is_refused_until_the_first_was_killed(folder: Path) -> None:

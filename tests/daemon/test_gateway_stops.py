@@ -15,6 +15,7 @@ import zmq
 
 from etd.files import resources
 from etd.gateway.inbound import InboundMessage, Unreadable, is_stop, read_request
+from etd.gateway.record_file import Disk
 from etd.gateway.request_queue import RequestQueue
 from etd.gateway.sockets import Sockets
 from etd.gateway.waiting import MOST_BYTES_OF_A_CLIENT, MOST_BYTES_OF_A_USER, MOST_OF_A_CLIENT
@@ -79,6 +80,26 @@ def test_of_several_slow_requests_one_is_handled_in_a_turn_and_stops_are_before_
         assert stops(rig) == 1
         answered = asker.recv(1_000_000).count(in_reply)
         assert answered == 2, "one in each turn"
+
+
+def test_a_stop_that_comes_during_a_slow_request_is_sent_in_the_same_turn() -> None:
+    class WatchedDisk(Disk):
+        """It is asked while a record is begun."""
+
+        def free_bytes(self, folder: Path) -> int:
+            poured(stopper, part(b'{"op": "stop"}'))
+            return super().free_bytes(folder)
+
+    with GatewayRig(disk=WatchedDisk()) as rig, ExitStack() as stack:
+        path = rig.folder / "control.sock"
+        asker, stopper = (stack.enter_context(closing(connected(path))) for _ in range(2))
+        for client in (asker, stopper):
+            poured(client, hello("DEALER"))
+        rig.step(3)
+        poured(asker, part(b'{"op": "record", "do": "start", "name": "long"}'))
+        rig.gateway.step(5)
+        rig.engine.step()
+        assert stops(rig) == 1
 
 
 def test_a_client_that_reads_no_replies_is_answered_in_order_once_it_does(
@@ -236,7 +257,8 @@ def test_all_parts_count_among_what_waits(tmp_path: Path) -> None:
 
 def test_a_turn_decodes_one_long_frame_and_then_looks_for_stops(rig: GatewayRig) -> None:
     long = part(
-        b'{"op":"frame","lease":"x","seq":1,"level":[' + b",".join([b"0.5"] * 16_000) + b"]}"
+        b'{"op":"frame","lease":"%s","seq":1,"level":[%s]}'
+        % (rig.open().encode(), b",".join([b"0.5"] * 16_000))
     )
     with closing(connected(rig.folder / "frames.sock")) as flooding:
         left = hello("PUSH") + long * 3

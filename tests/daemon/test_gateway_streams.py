@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
 import zmq
 
 from etd.protocol.link import ArmBoard
@@ -59,6 +60,23 @@ def test_another_clients_frames_do_not_supersede_the_holders() -> None:
 
         assert [sent.frame.seq for sent in rig.engine.frames] == [1]
         assert rig.counter("superseded") == 0
+
+
+@pytest.mark.parametrize(("holds", "why"), [(True, "bad_message"), (False, "other_lease")])
+def test_the_arrays_of_a_frame_are_decoded_for_the_holder_of_the_lease_alone(
+    holds: bool, why: str
+) -> None:
+    """Nobody else learns that there are too many."""
+    with GatewayRig() as rig:
+        lease = rig.open()
+        stream = rig.socket(zmq.PUSH, "frames.sock")
+        stream.send(frame(lease if holds else "f" * 32, 1, level=[0] * 300))
+        stream.send(frame(lease, 2))
+
+        rig.until(lambda: bool(rig.engine.frames))
+
+        counters = rig.call(op="status")["status"]["counters"]
+        assert [name for name in counters if name.startswith("refused_")] == [f"refused_{why}"]
 
 
 def test_a_refused_streamed_frame_is_reported_to_everybody() -> None:

@@ -22,7 +22,7 @@ class GatewayConfig:
     calibrations: their folder, which this process only reads; None: in `state_dir`.
     shipped_calibrations: those of the fake's own body; offered only while the engine drives a
     fake board.
-    operators: user names or ids that may arm and clear a halt; empty: whoever reaches
+    operators: user names or ids that may arm and clear a halt; empty: every user that reaches
     the socket.
     """
 

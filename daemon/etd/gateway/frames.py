@@ -26,15 +26,17 @@ class FrameHandler:
         self._kept = kept
 
     def check(self, request: FrameRequest, uid: int | None) -> StandingLease:
-        """Raises: Refused (`engine_gone`, `halted`, `no_lease`, `other_lease`, `old_seq`,
-        `bad_frame`).
-        """
-        electrodes = self._engine.engine_hello().array.electrodes
-        self._engine.check_not_halted()
-        lease = self._leases.check(request.lease, uid)
+        """Raises: Refused (those of `check_lease`, `old_seq`, `bad_frame`)."""
+        lease = self.check_lease(request.lease, uid)
         self._leases.check_seq(lease, request.seq)
-        check_shape(request, electrodes)
+        check_shape(request, self._engine.engine_hello().array.electrodes)
         return lease
+
+    def check_lease(self, token: str, uid: int | None) -> StandingLease:
+        """Raises: Refused (`engine_gone`, `halted`, `no_lease`, `other_lease`)."""
+        self._engine.engine_hello()
+        self._engine.check_not_halted()
+        return self._leases.check(token, uid)
 
     def pass_on(self, request: FrameRequest, lease: StandingLease, ref: int) -> None:
         """Ref 0: the engine reports a refusal and nothing else. Raises: Refused (`busy`)."""

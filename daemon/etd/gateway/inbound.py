@@ -16,7 +16,7 @@ import msgspec
 from etd.gateway.connection import Connection
 from etd.protocol.calibration import Method
 from etd.protocol.errors import Refused
-from etd.protocol.frame import POLARITIES, RETURNS_IN_WORDS
+from etd.protocol.frame import POLARITIES, RETURNS_IN_WORDS, Int64, Lease
 from etd.protocol.messages import (
     REPLY_OF_OP,
     FrameRequest,
@@ -111,15 +111,23 @@ class _Head(_Op):
     id: Id | None = None
 
 
+class FrameHead(msgspec.Struct):
+    """Whose frame it is."""
+
+    lease: Lease
+    seq: Int64
+
+
 _request_decoder: msgspec.json.Decoder[Request] = msgspec.json.Decoder(Request)
 _frame_decoder = msgspec.json.Decoder(FrameRequest)
 _head_decoder = msgspec.json.Decoder(_Head)
+_frame_head_decoder = msgspec.json.Decoder(FrameHead)
 _id_decoder = msgspec.json.Decoder(_Id)
 _op_decoder = msgspec.json.Decoder(_Op)
 
 
 def inbound_of(connection: Connection, parts: Parts) -> InboundMessage:
-    """A message of this client, who is by the kernel who he is."""
+    """A message of this client, with its user id by the kernel."""
     return InboundMessage(connection.number, parts[:-1], connection.uid, parts[-1])
 
 
@@ -150,6 +158,11 @@ def read_request(inbound: InboundMessage) -> Request:
             raise
         return Stop(id=unreadable.id)
     return request
+
+
+def head_of_frame(inbound: InboundMessage) -> FrameHead | None:
+    """None: `read_frame` says why. An array is stepped over, and not decoded."""
+    return _decoded(_frame_head_decoder, inbound.data)
 
 
 def read_frame(inbound: InboundMessage) -> FrameRequest:

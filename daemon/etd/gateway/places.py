@@ -7,6 +7,7 @@ A connection that has sent something which is not read yet never gives way: it m
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -18,8 +19,8 @@ MOST_CONNECTIONS = 80
 #: Beside these on the control socket, heard only to stop: newcomers of a user whose processes have
 #: all the places.
 MOST_GUESTS = 16
-#: Of one process: a client looks whether anybody listens, by a connection that it closes, and then
-#: connects.
+#: Of one process: a client tries whether its address is served, by a connection that it closes, and
+#: then connects.
 _MOST_GUESTS_OF_A_PROCESS = 4
 
 
@@ -55,9 +56,10 @@ def seat_a_guest(held: Sequence[Connection]) -> None:
 
 def silent_one(held: Sequence[Connection]) -> Connection | None:
     """The oldest that never sent a byte, or else the oldest that never completed its handshake."""
-    unready = [made for made in held if not made.is_ready]
-    unspoken = (made for made in unready if not made.has_spoken)
-    return next((made for made in (*unspoken, *unready) if not made.has_sent_more()), None)
+    unspoken = (made for made in held if not made.has_spoken)
+    unready = (made for made in held if not made.is_ready)
+    both = itertools.chain(unspoken, unready)
+    return next((made for made in both if not made.has_sent_more()), None)
 
 
 def _gives_way(newcomer: Connection, seated: Sequence[Connection]) -> Connection | None:

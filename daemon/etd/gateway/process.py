@@ -5,6 +5,7 @@ Owns: signals. Must not know: what a turn does.
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Callable
 from types import FrameType
@@ -29,6 +30,7 @@ def run_gateway(config: GatewayConfig, clock: Clock, on_ready: Callable[[], None
 
     before = {ending: signal.signal(ending, note) for ending in _ENDINGS}
     try:
+        _keep_out_of_collections()
         on_ready()
         while not gateway.is_asked_to_end:
             gateway.step()
@@ -37,3 +39,11 @@ def run_gateway(config: GatewayConfig, clock: Clock, on_ready: Callable[[], None
         for ending, handler in before.items():
             signal.signal(ending, handler)
     return 0
+
+
+def _keep_out_of_collections() -> None:
+    """What is there now stays to the end. A full collection would step through all of it, 10 ms and
+    more in the middle of a turn.
+    """
+    gc.collect()
+    gc.freeze()

@@ -1,4 +1,4 @@
-"""Calibration files that are read for clients, one at a time, by a process that nobody waits for.
+"""Calibration files that are read for clients, one at a time, by a process, without a wait.
 
 Owns: whose file is read next, how long one may take, and who is told. Must not know: how a file is
 read, what a client asked for. Time comes in.
@@ -116,7 +116,7 @@ class CalibrationReadings:
 
     def _next(self, found: list[Answer]) -> _Wanted | None:
         """Whose file is to be read. What others have had read meanwhile is answered at once, and
-        what nobody waits for any more is left.
+        what no request waits for any more is left.
         """
         while (wanted := self._waiting.take()) is not None:
             left = tuple(path for path in wanted.left if self._read.get(path) is None)

@@ -181,7 +181,7 @@ class Gateway:
     def _answer_requests(self) -> None:
         """Stops are looked for before each other request, and the engine's answer to one after it.
         A slow one is the last of its turn, and of a flood only so much is read, so that frames and
-        subscribers do not wait for it.
+        subscribers do not wait for it. What came during the slow one does not wait for frames.
         """
         most = self._requests.read + REQUESTS_A_TURN
         for _ in range(REQUESTS_A_TURN):
@@ -193,6 +193,7 @@ class Gateway:
             self._stay_in_touch()
             self._hear_engine()
             if isinstance(waiting[0], SLOW) or self._requests.read >= most:
+                self._heed_stops()
                 return
 
     def _heed_stops(self) -> None:

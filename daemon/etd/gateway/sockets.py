@@ -39,12 +39,11 @@ class Sockets:
         )
 
     def wait(self, also: tuple[int, ...], timeout_ms: int) -> None:
-        """Until a client, or one of `also`, has something; then look what each client has."""
+        """Until a client, or one of `also`, has something."""
         both = select.poll()
         for fileno in (self._epoll.fileno(), *also):
             both.register(fileno, select.POLLIN)
         both.poll(0 if any(listener.has_more for listener in self._listeners) else timeout_ms)
-        self.look()
 
     def look(self) -> None:
         """What each client has now."""

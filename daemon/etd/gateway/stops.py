@@ -4,7 +4,7 @@ Owns: which stop is sent at once, and which waits for the next one of its user. 
 the engine does with one, sockets, how a reply looks.
 
 A user's stop is sent at once, unless one of the same user is on its way: then it is answered by the
-next one, which follows as soon as the engine has answered the first. So whoever pours stops fills
+next one, which follows as soon as the engine has answered the first. So a flood of stops fills
 neither the link to the engine nor a bound that another user's stop would meet.
 """
 

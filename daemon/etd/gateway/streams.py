@@ -12,7 +12,13 @@ from collections import Counter
 from collections.abc import Callable
 
 from etd.gateway.frames import FrameHandler
-from etd.gateway.inbound import InboundMessage, inbound_of, read_frame, without_frames
+from etd.gateway.inbound import (
+    InboundMessage,
+    head_of_frame,
+    inbound_of,
+    read_frame,
+    without_frames,
+)
 from etd.gateway.lease import StandingLease
 from etd.gateway.listener import Listener
 from etd.protocol.errors import Refused
@@ -69,8 +75,12 @@ class Streams:
         self, inbound: InboundMessage, refusals: Refusals
     ) -> tuple[FrameRequest, StandingLease] | None:
         """None: it was added to these refusals."""
-        seq = None
+        head = head_of_frame(inbound)
+        seq = None if head is None else head.seq
         try:
+            if head is not None:
+                # Its arrays may take 10 ms to decode: whose it is, is known without them.
+                self._handler.check_lease(head.lease, inbound.uid)
             frame = read_frame(inbound)
             seq = frame.seq
             return frame, self._handler.check(frame, inbound.uid)
