@@ -3,7 +3,7 @@
 Owns: the option `--turn`. Must not know: what is tested.
 
 All of them take half an hour of two processors. `.ci/run` has the cases of each test with many take
-turns, from one commit to the next: every second one of them. A test with fewer cases is run whole.
+turns, from one commit to the next: every third one of them. A test with fewer cases is run whole.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import pytest
 
 from made_rigs import make_rig as make_rig
 
-#: Of so many cases of a test, every second one.
-MANY = 4
+#: Of so many cases of a test, every third one.
+MANY, TURNS = 4, 3
 _HERE = Path(__file__).parent
 
 
@@ -25,14 +25,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--turn",
         type=int,
-        choices=(0, 1),
-        help="of a test of a whole model with many cases, every second one: which half",
+        choices=range(TURNS),
+        help="of a test of a whole model with many cases, every third one: from which on",
     )
 
 
 def its_turn(cases: Sequence[pytest.Item], turn: int) -> Sequence[pytest.Item]:
     """Those of one test."""
-    return cases[turn::2] if len(cases) >= MANY else cases
+    return cases[turn::TURNS] if len(cases) >= MANY else cases
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
