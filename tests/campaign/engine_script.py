@@ -172,9 +172,9 @@ class EngineScript:
         rig.run_ms(20)
 
     def after_kill(self) -> None:
-        """The keeper cuts, and the lines stay."""
+        """The keeper cuts, if it still looks, and the lines stay."""
         self._is_killed = True
-        if self.subject.rig is not None:
+        if self.subject.rig is not None and self.rig.stopper.is_looking:
             self.rig.stopper.end()
         self.subject.clock.spend(100 * MS)
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from campaign.client_kinds import of_gateway_and_client
+from campaign.helper_kinds import of_helpers
 from campaign.kind import BUSES, Doing, Kind, put_in
 from campaign.operations import Interference, Killed, Port
 from campaign.subject import Subject
@@ -36,7 +37,7 @@ def kinds_of(board: BoardFile, *, has_link: bool = True, on_bench: bool = False)
     found = [*_of_calls(), *_of_processes(), *_of_pulls(board), *_of_edges(), *_of_words(),
              *_of_wires(board), *_of_source(), *_of_readings(), *_of_supply(board),
              *_of_stops(board), *_of_outputs(), *_of_machine(on_bench=on_bench)]  # fmt: skip
-    return [*found, *of_gateway_and_client()] if has_link else found
+    return [*found, *of_gateway_and_client(), *of_helpers(board)] if has_link else found
 
 
 def _staying(fault_class: str, *variants: Fault) -> Iterator[Kind]:
@@ -202,6 +203,8 @@ def _of_supply(board: BoardFile) -> Iterator[Kind]:
     if guards.rail_monitor != "absent":
         address = guards.rail_monitor.address
         yield from _staying("the rail's sensor lies", faults.MonitorStuck(rail_v=300.0))
+        far_off = (faults.MonitorStuck(rail_v=volts) for volts in (0.0, 400.0))
+        yield from _staying("the rail's sensor says too little or too much", *far_off)
         gone = faults.I2cFailure(address, "absent"), faults.I2cFailure(address, "timeout")
         yield from _staying("the rail's sensor is gone", *gone)
     if guards.heartbeat != "absent":

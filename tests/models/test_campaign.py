@@ -149,7 +149,9 @@ def test_every_board_has_kinds_of_its_guards() -> None:
     assert names["reference-hv507"] - names["kajimoto-hv507"] == {
         "the supply cannot be switched off",
         "the rail's sensor lies",
+        "the rail's sensor says too little or too much",
         "the rail's sensor is gone",
+        "the sensors hang",
         "the heartbeat is ignored",
         "the heartbeat's gate is not as it should be",
         "the set-point wakes up high",
