@@ -1,7 +1,7 @@
 """What a body is to the board it is connected to.
 
 Owns: the vocabulary of connections (`Side`) and the Protocol that every body model keeps, so that
-a finer model takes a coarser one's place without anybody noticing but the skin.
+a finer model takes a coarser one's place without a change anywhere but in the skin.
 Must not know: how a model computes, chips, buses, clocks.
 """
 

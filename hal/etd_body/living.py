@@ -32,7 +32,7 @@ from etd_body.ways import Way, Ways
 _LOOK_NS, _LOOKED_AT = 10_000_000, 64
 _EMPTY_V = 1e-4
 _PC = 1e12
-#: Nobody's source tells more; thresholds above it are none.
+#: No source tells more; thresholds above it are none.
 _MOST_TOLD_UA = 60_000.0
 
 

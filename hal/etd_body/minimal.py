@@ -1,7 +1,7 @@
 """A minimal body: current source with leak and compliance, R-RC electrodes on one common tissue.
 
 Owns: the exact course of voltage and charge for one electrode against the rest.
-Must not know: chips, boards, clocks, what anybody feels.
+Must not know: chips, boards, clocks, what is felt.
 
 What is exact: the electrode that stands alone on its side has its own capacitor, and its course is
 a closed form in each regime of the source (delivering what it is told, held at the compliance,

@@ -43,7 +43,7 @@ _AT_REST_NS = 10_000_000.0
 
 
 class Felt(NamedTuple):
-    """One number per electrode: the strongest since somebody last asked."""
+    """One number per electrode: the strongest since the last call."""
 
     felt: tuple[float, ...]
     pain: tuple[float, ...]

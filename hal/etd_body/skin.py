@@ -1,7 +1,7 @@
 """The contacts of a whole array on a living skin, as they are now.
 
 Owns: every electrode's resistances, capacitance, area and its bridges to neighbors, from what the
-course says of the time, and from what somebody put under it.
+course says of the time, and from what was put under it.
 Must not know: sources, what is connected, nerves.
 
 Rp falls as the current rises (van Boxtel 1977; the shape a / (I + b) is [design]): the nominal

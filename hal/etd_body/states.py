@@ -1,7 +1,7 @@
 """A skin that is brought from one state into the next: dry, breathed on, dry again, pressed, dry.
 
 Owns: what each state does to contacts, and when a finger that is left in peace comes into the next
-one. Must not know: boards, clocks, why anybody wants such states.
+one. Must not know: boards, clocks, what such states are for.
 
 All figures are [design]: a breath makes three times as much of what conducts, each electrode to an
 extent of its own; a firmer finger has a quarter more of area.

@@ -198,7 +198,7 @@ class Board:
 
     def _check_open_relays(self) -> None:
         """With all relays open the skin is off the node: charge that it holds cannot be taken for
-        a current, and a current can be told before it reaches anybody.
+        a current, and a current can be told before it reaches skin.
         """
         self.switch.release()
         fault = self.rules.idle_fault(self.node_v(), "with all relays open")

@@ -7,7 +7,7 @@ Must not know: who is confined, and why.
 Kernels keep users apart, and not the processes of one user: one may stop another, write its memory
 and open what it may open, whatever limits it has. So `confine` names what a process may still do,
 and the kernel refuses the rest. The filter is a program of classic BPF: it sees the number of a
-call and its arguments as numbers, never what they point to. Nobody can take it away again.
+call and its arguments as numbers, never what they point to. It cannot be taken away again.
 
 The kernel ends the process at any other call, and lets none fail: code that was taken over gets no
 second attempt, and code that was not asks for none. The one who started it sees SIGSYS.

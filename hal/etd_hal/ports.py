@@ -110,7 +110,7 @@ class I2c(Protocol):
 
         May block for a second when the bus is stuck: never called from the scan thread.
 
-        Raises: BusError (`absent`: nobody answers at `address`; `timeout`: the bus is stuck;
+        Raises: BusError (`absent`: no chip answers at `address`; `timeout`: the bus is stuck;
         `io`: the transaction was cut).
         """
         ...

@@ -184,7 +184,7 @@ class Subject:
     def _ended(self) -> BoardFault:
         states = self.engine.supervisor.states
         halt = states.halt
-        # Only a frame that nobody renews, and a gateway that is silent, disarm without a halt.
+        # Only a frame that is not renewed, and a gateway that is silent, disarm without a halt.
         why = (
             "its lease lapsed, as this program was held up"
             if halt is None

@@ -3,8 +3,8 @@
 Owns: the draws. Must not know: procedures, currents, answers.
 
 Each draw follows from the seed and the number of the trial alone: an interrupted calibration
-continues in the order that it had, and anybody can repeat it. A calibration of before there was a
-seed has None: it continues as it began, one electrode after another, without silent trials.
+continues in the order that it had, and can be repeated from its seed. A calibration of before there
+was a seed has None: it continues as it began, one electrode after another, without silent trials.
 """
 
 from __future__ import annotations

@@ -148,7 +148,7 @@ def save_progress(path: Path, progress: msgspec.Struct) -> None:
 
 
 def check_progress_folder(path: Path) -> None:
-    """Before anybody is asked: `path` could be saved. Raises: FileError."""
+    """Before the first question: `path` can be saved. Raises: FileError."""
     try:
         make_own(path.parent, 0o700)
         check_folder(path.parent)

@@ -47,7 +47,7 @@ def armed_for(display: Display, keys: Keyboard, *, at_once: bool) -> None:
 
 
 def safe_again(display: Display) -> None:
-    """Disarm, and wait for it: a calibration is stored with nobody stimulated."""
+    """Disarm, and wait for it: a calibration is stored while no electrode is live."""
     display.disarm()
     until_ns = clock.now_ns() + int(_SAFE_WITHIN_S * 1e9)
     while display.status().state != "SAFE" and clock.now_ns() < until_ns:

@@ -346,7 +346,7 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
         try:
             await self._run(self._session.close())
         except DaemonGone:
-            pass  # nobody is there to be told; the lease has ended with the daemon, or lapses
+            pass  # there is no daemon to tell; the lease has ended with the daemon, or lapses
         finally:
             self._exchange.hang_up()
             self._hang_up()

@@ -1,4 +1,4 @@
-"""A request over a plain Unix socket, whose answer is bounded: what listens may be anybody's.
+"""A request over a plain Unix socket, whose answer is bounded: what listens may be any program.
 
 Owns: that connection. Must not know: what is requested.
 

@@ -26,7 +26,7 @@ R = TypeVar("R")
 
 def settled(session: Session, way: Way, ask: Ask, data: bytes) -> Success | None:
     """The reply to `ask`; None if it answers another. Raises: Refused; DaemonGone for what is no
-    reply: a socket may be anybody's.
+    reply: a socket may be of any program.
     """
     try:
         return session.settle(ask, data)

@@ -181,7 +181,7 @@ def _realtime(engine: Engine) -> tuple[str, ...]:
 
 
 def _scan_core(engine: Engine) -> str:
-    """By the scan's own thread, which nobody waits for yet."""
+    """By the scan's own thread, before the loop waits for it."""
     found = engine.components.backend.scan_core()
     return told_of(busy_fraction(found.is_left_alone), str(found))
 

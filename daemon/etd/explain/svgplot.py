@@ -3,7 +3,7 @@
 Owns: the look. Must not know: what a figure is about, files.
 
 Small on purpose: one plot, linear or logarithmic, in a palette that the color-blind can tell apart
-(Okabe and Ito). Names stand beside the curves' ends, so that nobody looks up a legend.
+(Okabe and Ito). Names stand beside the curves' ends, so no legend is needed.
 """
 
 from __future__ import annotations

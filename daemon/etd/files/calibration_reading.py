@@ -35,7 +35,7 @@ MOST_TOGETHER_BYTES = 160 * 1024
 #: What Python and its libraries map is some 100 MB; the largest file takes 20 MB more.
 MEMORY_BYTES = 256 * 1024 * 1024
 _PROCESSOR_S = 6
-#: It ends by itself then, if the engine has died and nobody ends it.
+#: It ends by itself then, if the engine has died and can end it no more.
 _LIFE_S = 20
 
 

@@ -1,12 +1,12 @@
 """Folders that only their owner can put something into: what is written there lands there.
 
-Owns: whose a folder and all above it may be, making one, opening a file that nobody has put a
-link in the place of, and whether another user could write either. Must not know: what is in a
+Owns: whose a folder and all above it may be, making one, opening a file that no other user has put
+a link in the place of, and whether another user could write either. Must not know: what is in a
 folder.
 
-Whoever can write to a folder, or to one above it, can put a link in the place of a file: then the
-daemon, or root, writes to what the link names. The folders of /run/etd and /var/lib/etd are laid
-out by systemd for the users of the services; there no link is followed.
+A user who can write to a folder, or to one above it, can put a link in the place of a file: the
+daemon, or root, then writes to what the link names. The folders of /run/etd and /var/lib/etd are
+laid out by systemd for the users of the services; there no link is followed.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _check(folder: Path, laid_out: tuple[Path, ...], is_whole: bool) -> None:
     Raises: FileError, where a stranger could put a link there; OSError.
     """
     if not hasattr(os, "geteuid"):
-        return  # no Unix: there nobody runs a daemon
+        return  # no Unix: no daemon runs there
     wanted, links = folder.absolute(), 0
     place = Path(wanted.anchor)
     parts = list(wanted.parts[1:])

@@ -4,7 +4,7 @@ Owns: the law below. Must not know: how contact is told from none (`sensing/cont
 
 An electrode that peels gives the whole current to the skin that is left, which is felt as a shock
 or an itch (Kajimoto, Electro-tactile Display, section 4); a new contact begins small and gets the
-whole programmed current at once. Nobody describes a rule for it in print; this one is by design:
+whole programmed current at once. No rule for it is described in print; this one is by design:
 
     open        a probe: `start` of the threshold, so that the next contact is noticed
     soft        I = start + (wanted - start) x firmness, firmness 0..1 over the site's `soften_ms`,

@@ -53,7 +53,7 @@ class References:
         self, estimate: ElectrodeEstimate, wanted_ua: int
     ) -> tuple[float, float, float] | None:
         """(resistance now, that of the last pulse alone, reference), or None where any is not
-        known. Whoever compares takes the one by which there is less: a mean delays a fall.
+        known. A comparison takes the one by which there is less: a mean delays a fall.
         """
         if estimate.skin_ohm is None or estimate.state not in ("closed", "soft"):
             return None

@@ -2,7 +2,7 @@
 
 Owns: the one rule that all laws share. Must not know: what is multiplied, sensors, limits.
 
-A factor is knowledge too: when nobody has asked for longer than it is believed, it starts anew.
+A factor is knowledge too: when no pulse has asked for longer than it is believed, it starts anew.
 """
 
 from __future__ import annotations

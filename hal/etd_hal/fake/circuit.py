@@ -129,7 +129,7 @@ class Circuit:
         self._trace.write()
 
     def mark(self, t_ns: int, event: str, seq: int, tag: int | str | None) -> None:
-        """The engine's remark: the trace's, and nobody else's."""
+        """The engine's remark: for the trace alone."""
         self._trace.engine(self._timeline.start(t_ns), event, seq, tag)
         self._trace.write()
 

@@ -231,7 +231,7 @@ class LiveClock:
         self.sleep_until_ns(deadline_ns)
 
     def doze_until_woken(self, deadline_ns: int, wait: Wait) -> None:
-        """Whoever is woken goes on at the time to which the machine's clock has come."""
+        """A process that is woken goes on at the time to which the machine's clock has come."""
         if not self._is_player():
             self.sleep_until_ns(deadline_ns)
             return

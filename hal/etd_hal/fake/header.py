@@ -118,7 +118,7 @@ class Header:
         return moves
 
     def let_float(self, t_ns: int) -> None:
-        """Nobody drives the outputs: the pulls do, as at power-up."""
+        """No pin drives the outputs: the pulls do, as at power-up."""
         pulled = self._levels_at_power_up()
         wrong = {fault.name for fault in self._faults.of(PullMissing)}
         t_ns = self._timeline.start(t_ns)
@@ -198,7 +198,7 @@ class Header:
         try:
             self._tell(t_ns, self._names.get(line, ""), value, exempt)
         except BaseException:
-            # Not all have heard of it: whoever says it again tells them again.
+            # Not all have heard of it: a repeated call tells them again.
             self._lines.put(line, 1 - value)
             raise
 

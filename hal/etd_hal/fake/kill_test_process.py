@@ -2,7 +2,7 @@
 
 Owns: what a kernel does with the lines of a process that is gone. Must not know: who asks.
 
-It is no process: the fake's time steps, and nobody else would know of it.
+It is no process: the fake's time steps, and no other process would follow it.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class Lines:
         self._ascending: dict[Changes, list[tuple[int, int]]] = {}
 
     def request(self, setup: LineSetup) -> None:
-        """Take the lines. Raises: BusError (`busy` while somebody holds one of them)."""
+        """Take the lines. Raises: BusError (`busy` while a process holds one of them)."""
         wanted = [line for line, _ in setup.outputs] + [entry.line for entry in setup.inputs]
         if len(set(wanted)) != len(wanted):
             raise BusError("invalid", _DEVICE, "request", "a line was asked for twice")

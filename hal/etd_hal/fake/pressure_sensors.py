@@ -1,7 +1,7 @@
 """What sensors under the array of a fake board put out.
 
 Owns: which inputs of which ADS1115 they are on, and the volts there: of a finger that presses, or
-what somebody put there. Must not know: registers, what is made of it.
+what a test put there. Must not know: registers, what is made of it.
 """
 
 from __future__ import annotations

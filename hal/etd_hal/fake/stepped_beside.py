@@ -2,7 +2,7 @@
 
 Owns: when it checks. Must not know: what a check does, who drives the board.
 
-It is no process: the fake's time steps, and nobody else would know of it.
+It is no process: the fake's time steps, and no other process would follow it.
 """
 
 from __future__ import annotations

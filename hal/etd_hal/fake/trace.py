@@ -42,8 +42,8 @@ def _past_no_link(path: str, flags: int) -> int:
 class Trace:
     """Collects the events of one call and writes them at its end, whole.
 
-    The file is unbuffered: after every call it is complete, whoever is killed next. Without a
-    file nothing is kept.
+    The file is unbuffered: after every call it is complete, whichever process is killed next.
+    Without a file nothing is kept.
     """
 
     def __init__(self, file: BinaryIO | None = None) -> None:
@@ -54,7 +54,7 @@ class Trace:
     @classmethod
     def to(cls, path: Path) -> Trace:
         """A new trace at `path`, or over an old one; a link there is not followed: in a folder that
-        others can write to, it may be somebody else's. Raises: OSError.
+        others can write to, it may be another user's. Raises: OSError.
         """
         return cls(open(path, "wb", buffering=0, opener=_past_no_link))
 

@@ -17,7 +17,7 @@ from etd_hal.ports import Wait
 from etd_hal.wakeups import WakeUps
 
 _READINGS = 1_000
-#: What adjtimex answers where the kernel's clock follows nobody; its buffer's size with room.
+#: What adjtimex answers where the kernel's clock follows no other; its buffer's size with room.
 _TIME_ERROR = 5
 _TIMEX_BYTES = 512
 

@@ -110,7 +110,7 @@ _RELEASED = (
 
 
 def _free_lines(board: BoardFile, lines: LineSetup) -> Path:
-    """The chip, if nobody holds one of the lines. Raises: BusError."""
+    """The chip, if no process holds one of the lines. Raises: BusError."""
     from etd_hal.linux.gpio import find_chip, holders
 
     chip = find_chip(board.gpio_chip_labels)
