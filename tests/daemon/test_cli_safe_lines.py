@@ -57,6 +57,13 @@ def clocked_in(kernel: Kernel) -> list[int]:
     return found
 
 
+def test_a_name_that_leads_to_another_folder_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["safe", "--name", "../../x"])
+    assert ended.value.code == 2
+    assert "1 to 32 letters" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("machine", ["pi3", "pi4", "no-such-machine"])
 def test_without_spi_and_on_any_machine_the_lines_are_driven_to_the_safe_state(
     kernel: Kernel, machine: str, capsys: pytest.CaptureFixture[str]

@@ -17,6 +17,7 @@ from etd.files import resources
 from etd.gateway.inbound import InboundMessage, Unreadable, is_stop, read_request
 from etd.gateway.record_file import Disk
 from etd.gateway.request_queue import RequestQueue
+from etd.gateway.server import BYTES_A_TURN
 from etd.gateway.sockets import Sockets
 from etd.gateway.waiting import MOST_BYTES_OF_A_CLIENT, MOST_BYTES_OF_A_USER, MOST_OF_A_CLIENT
 from etd.protocol.link import StopNow
@@ -268,6 +269,31 @@ def test_a_turn_decodes_one_long_frame_and_then_looks_for_stops(rig: GatewayRig)
             rig.gateway.step(5)
             before.append(rig.gateway.counters["refused_bad_message"])
         assert max(after - one for one, after in itertools.pairwise(before)) == 1
+
+
+def test_of_requests_too_one_long_one_is_handled_in_a_turn(rig: GatewayRig) -> None:
+    """Others' frames and the telemetry do not wait for what a client pours."""
+    long = part(b'{"op":"frame","lease":"x","seq":1,"returns":[%s]}' % b",".join([b"[0]"] * 250))
+    long = long * 20
+    with closing(connected(rig.folder / "control.sock")) as flooding:
+        left = hello("DEALER") + long * 3
+        before = [0]
+        while left or before[-1] < 60:
+            left = left[max(0, poured(flooding, left)) :] if left else b""
+            rig.gateway.step(5)
+            before.append(rig.gateway.counters["refused_no_lease"])
+        most = max(after - one for one, after in itertools.pairwise(before))
+        assert most <= -(-BYTES_A_TURN // (len(long) // 20 - 9))
+
+
+def test_what_only_has_a_reply_is_not_done_for_a_client_that_has_left(rig: GatewayRig) -> None:
+    """What it asked to be done is."""
+    with closing(connected(rig.folder / "control.sock")) as leaving:
+        left = hello("DEALER") + part(b'{"op":"hello"}') * 60 + part(b'{"op":"stop"}')
+        assert poured(leaving, left) == len(left)
+    rig.step(100)
+    assert rig.gateway.counters["left_before_the_reply"] > 50
+    assert stops(rig) == 1
 
 
 @pytest.mark.parametrize(

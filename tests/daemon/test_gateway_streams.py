@@ -6,6 +6,7 @@ Owns: superseding, refusing and reporting on the frames socket.
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -77,6 +78,24 @@ def test_the_arrays_of_a_frame_are_decoded_for_the_holder_of_the_lease_alone(
 
         counters = rig.call(op="status")["status"]["counters"]
         assert [name for name in counters if name.startswith("refused_")] == [f"refused_{why}"]
+
+
+@pytest.mark.parametrize("seq", ["", ',"seq":1.5', ',"seq":"1"'])
+def test_nor_are_they_for_a_frame_that_has_no_number(seq: str) -> None:
+    """The refusal is of the number, whatever comes before it."""
+    with GatewayRig() as rig, closing(rig.context.socket(zmq.SUB)) as socket:
+        lease = rig.open()
+        socket.setsockopt(zmq.SUBSCRIBE, b"refused")
+        socket.connect(f"ipc://{rig.folder}/telemetry.sock")
+        stream = rig.socket(zmq.PUSH, "frames.sock")
+        rig.step(20)
+        stream.send_string(f'{{"lease":"{lease}","level":{[0] * 300}{seq}}}')
+
+        rig.until(lambda: bool(socket.poll(0)))
+
+        report = json.loads(socket.recv_multipart()[1])
+        assert report["error"] == "bad_message"
+        assert "seq" in report["reason"]
 
 
 def test_a_refused_streamed_frame_is_reported_to_everybody() -> None:

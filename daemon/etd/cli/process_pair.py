@@ -49,6 +49,7 @@ class Part:
         self.is_ready = False
         self._had_to_be_killed = False
         # Of this process alone: another one may start on the same folder, and find it taken.
+        _take_away_left(folder, name)
         self._ready_path = folder / f"{name}-{os.getpid()}.ready"
         self._ready_path.unlink(missing_ok=True)
         self.ready_socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -94,6 +95,14 @@ class Part:
             self.pidfd = -1
         self.ready_socket.close()
         self._ready_path.unlink(missing_ok=True)
+
+
+def _take_away_left(folder: Path, name: str) -> None:
+    """By processes that were killed."""
+    for left in folder.glob(f"{name}-*.ready"):
+        pid = left.stem.rpartition("-")[2]
+        if not Path("/proc", pid).exists():
+            left.unlink(missing_ok=True)
 
 
 class ProcessPair:

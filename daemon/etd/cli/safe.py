@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 from etd.files.resources import Kind, find
 from etd.protocol.errors import BusError, FileError
+from etd.protocol.text import NAME_PATTERN
 from etd_hal.backend import Backend
 from etd_hal.board import Board
 from etd_hal.boardfile import BoardFile, MachineFile, load_board, load_machine
@@ -55,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
 
     Raises: FileError (no board file), HardwareMissing (no lines), BusError (a board process).
     """
+    if not re.search(NAME_PATTERN, args.name):
+        args.misused(f"--name {args.name!r}: give 1 to 32 letters, digits, hyphens or underscores")
     settings, board = _settings_and_board(args)
     if settings.backend == "fake" and args.board_socket is None:
         return _answer(args, "fake", "", (), "nothing to do: the fake board ended with its engine")

@@ -52,7 +52,7 @@ def _facts(display: Display) -> HelloReply | None:
 
 def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[str]:
     """The answer as it is printed; without facts while the engine is gone."""
-    rows = [("daemon", f"{name}: {_state(report)}")]
+    rows = [("daemon", f"{name}: {_state(name, report)}")]
     if facts is not None:
         rows += _rows_of_facts(facts)
     rows += [
@@ -80,13 +80,16 @@ def lines_of(name: str, report: StateReport, facts: HelloReply | None) -> list[s
     return [f"{label:14} {shown(text)}" for label, text in rows]
 
 
-def _state(report: StateReport) -> str:
+def _state(name: str, report: StateReport) -> str:
     if report.engine == "gone":
-        return "the engine is gone, so nothing is driven (systemctl status etd-engine@NAME)"
+        return (
+            "there is no engine, or it is still starting, so nothing is driven (of a service:"
+            f" systemctl status etd-engine@{name})"
+        )
     if report.engine == "silent":
         return (
             f"the engine has reported nothing for seconds, it was {report.state}: it hangs, and"
-            " fires nothing; end it (systemctl restart etd-engine@NAME), then arm anew"
+            f" fires nothing; end it (systemctl restart etd-engine@{name}), then arm anew"
         )
     if report.halt is not None:
         halt = report.halt

@@ -61,6 +61,11 @@ class Connection:
         return self._reader.is_ready
 
     @property
+    def hears(self) -> bool:
+        """As far as is known, the other end reads what is sent."""
+        return self.is_open and not self._is_deaf
+
+    @property
     def stored_bytes(self) -> int:
         """Sent by it, received, and not taken."""
         return self._reader.stored_bytes
@@ -130,7 +135,7 @@ class Connection:
 
     def send(self, message: bytes) -> bool:
         """Whole, now or later. False: the client has left, or does not read what it was sent."""
-        if not self.is_open or self._is_deaf:
+        if not self.hears:
             return False
         cost = len(message) + _OVERHEAD_BYTES
         if self._unread and self._unread_bytes + cost > _MOST_UNREAD_BYTES:

@@ -65,6 +65,8 @@ from etd.protocol.messages import (
 
 #: These look at files or write them, or list a folder: at a thousand, 2 ms of the processor.
 SLOW: Final = (GetCalibration, Hello, Open, Record)
+#: These do nothing for a client that has left: their reply is all, and a lease has its token in it.
+ONLY_REPLIES: Final = (AccountOf, GetCalibration, Hello, Open, Status)
 #: Why a lease is not one's own, or not any more.
 _NOT_THE_HOLDERS: Final = ("no_lease", "other_lease")
 

@@ -160,15 +160,18 @@ def read_request(inbound: InboundMessage) -> Request:
     return request
 
 
-def head_of_frame(inbound: InboundMessage) -> FrameHead | None:
-    """None: `read_frame` says why. An array is stepped over, and not decoded."""
-    return _decoded(_frame_head_decoder, inbound.data)
+def head_of_frame(inbound: InboundMessage) -> FrameHead:
+    """Of a frame from the frames socket; arrays are stepped over, and not decoded. Raises:
+    Unreadable.
+    """
+    if inbound.route:
+        raise Unreadable(Refused("bad_message", "a streamed frame must be one part"))
+    head: FrameHead = _read(inbound.data, _frame_head_decoder)
+    return head
 
 
 def read_frame(inbound: InboundMessage) -> FrameRequest:
-    """A frame from the frames socket. Raises: Unreadable."""
-    if inbound.route:
-        raise Unreadable(Refused("bad_message", "a streamed frame must be one part"))
+    """The whole of it. Raises: Unreadable."""
     frame: FrameRequest = _read(inbound.data, _frame_decoder)
     return frame
 

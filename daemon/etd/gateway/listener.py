@@ -130,6 +130,11 @@ class Listener:
         if parts:
             yield connection, parts
 
+    def is_heard_by(self, number: int) -> bool:
+        """False: that client has left, as far as is known."""
+        connection = self._by_number.get(number)
+        return connection is not None and connection.hears
+
     def reply(self, number: int, parts: tuple[bytes, ...]) -> bool:
         """False: that client has left, or does not read."""
         connection = self._by_number.get(number)

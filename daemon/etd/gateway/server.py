@@ -15,7 +15,7 @@ import msgspec
 from etd.files.calibration_process import CalibrationProcess, CalibrationReader
 from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, Operators
-from etd.gateway.control import SLOW, ControlHandler
+from etd.gateway.control import ONLY_REPLIES, SLOW, ControlHandler
 from etd.gateway.engine_link import EngineLink
 from etd.gateway.exclusive import NameLock
 from etd.gateway.frames import FrameHandler
@@ -41,8 +41,9 @@ from etd.protocol.link import ALIVE_NS, Answer, EngineHello, LeaseEnded, Report
 from etd.protocol.messages import Failure, FrameRequest, Id, Request, Success
 from etd_hal.ports import Clock
 
-#: Of the requests, at most this many are read in one turn.
+#: Of the requests, at most this many are read in one turn; and none is handled after so many bytes.
 REQUESTS_A_TURN = 64
+BYTES_A_TURN = 16_384
 #: While there is no engine, the gateway tries to connect this often.
 CONNECT_NS = 200_000_000
 #: While a calibration is read, it is looked so often whether that is done.
@@ -180,21 +181,31 @@ class Gateway:
 
     def _answer_requests(self) -> None:
         """Stops are looked for before each other request, and the engine's answer to one after it.
-        A slow one is the last of its turn, and of a flood only so much is read, so that frames and
-        subscribers do not wait for it. What came during the slow one does not wait for frames.
+        A slow one is the last of its turn, so is a long one, and of a flood only so much is read:
+        frames and subscribers do not wait for it. A stop that came meanwhile goes before them.
         """
-        most = self._requests.read + REQUESTS_A_TURN
+        most, left_bytes = self._requests.read + REQUESTS_A_TURN, BYTES_A_TURN
         for _ in range(REQUESTS_A_TURN):
             self._heed_stops()
             waiting = self._requests.take()
             if waiting is None:
                 return
+            if self._is_for_nothing(*waiting):
+                self.counters["left_before_the_reply"] += 1
+                continue
             self._answer(*waiting)
             self._stay_in_touch()
             self._hear_engine()
-            if isinstance(waiting[0], SLOW) or self._requests.read >= most:
+            left_bytes -= len(waiting[1].data)
+            is_over = left_bytes <= 0 or self._requests.read >= most
+            if is_over or isinstance(waiting[0], SLOW):
                 self._heed_stops()
                 return
+
+    def _is_for_nothing(self, request: Request | Unreadable, inbound: InboundMessage) -> bool:
+        """A client that has left may have sent thousands."""
+        is_answered = self._sockets.control.is_heard_by(inbound.connection)
+        return isinstance(request, ONLY_REPLIES) and not is_answered
 
     def _heed_stops(self) -> None:
         """A stop is sent before any other request is handled or refused."""

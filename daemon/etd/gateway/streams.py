@@ -75,14 +75,13 @@ class Streams:
         self, inbound: InboundMessage, refusals: Refusals
     ) -> tuple[FrameRequest, StandingLease] | None:
         """None: it was added to these refusals."""
-        head = head_of_frame(inbound)
-        seq = None if head is None else head.seq
+        seq = None
         try:
-            if head is not None:
-                # Its arrays may take 10 ms to decode: whose it is, is known without them.
-                self._handler.check_lease(head.lease, inbound.uid)
+            # Arrays may take 10 ms to decode: whose they are is known without them.
+            head = head_of_frame(inbound)
+            seq = head.seq
+            self._handler.check_lease(head.lease, inbound.uid)
             frame = read_frame(inbound)
-            seq = frame.seq
             return frame, self._handler.check(frame, inbound.uid)
         except Refused as refusal:
             refusals.append((seq, without_frames(refusal)))
