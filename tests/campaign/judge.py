@@ -55,8 +55,8 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     #: So much a self-test that names checks may let through in silence: a fault that comes after
     #: they were made.
     selftest_silent_uc: float = 0.0
-    #: What is told flows no longer than this after the fault; None: charge alone bounds it.
-    within_ms: float | None = None
+    #: By board: what is told flows no longer than this after the fault.
+    within_ms: Mapping[str, float] = {}
     #: Why the supply may be on after a halt: what keeps it on is the fault itself.
     leaves_supply_on: str = ""
     #: By board, and on the bench of a self-test: the most that an electrode may get beyond what it
@@ -114,14 +114,15 @@ def _why(one: Outcome, rows: Mapping[str, Bound]) -> str:
     bounding = _bounding(one, rows)
     if one.leaves_supply_on and not any(it.leaves_supply_on for it in bounding):
         return "the supply was left on"
-    late = _too_late(row, one.flowed_for_ms) if is_told(one) else ""
+    late = _too_late(row, where, one.flowed_for_ms) if is_told(one) else ""
     return late or _too_much(bounding, where, times, beyond_uc)
 
 
-def _too_late(row: Bound, flowed_ms: float | None) -> str:
-    if row.within_ms is None or flowed_ms is None or flowed_ms <= row.within_ms:
+def _too_late(row: Bound, where: str, flowed_ms: float | None) -> str:
+    within_ms = row.within_ms.get(where)
+    if within_ms is None or flowed_ms is None or flowed_ms <= within_ms:
         return ""
-    return f"{flowed_ms:.1f} ms until it is silent, more than the {row.within_ms:g} ms of its row"
+    return f"{flowed_ms:.1f} ms until it is silent, more than the {within_ms:g} ms of its row"
 
 
 def _too_much(bounding: Sequence[Bound], where: str, times: float, beyond_uc: float) -> str:
@@ -158,7 +159,7 @@ def _why_of_class(line: Line, rows: Mapping[str, Bound]) -> str:
         if line.silent_most_uc is not None:
             size = f"of {line.silent_most_uc:.3f} uC at most"
         return f"{line.silent} in silence, {size}, and it should be told by {told_by[0]}"
-    if late := _too_late(row, line.safe_most_ms):
+    if late := _too_late(row, line.on, line.safe_most_ms):
         return late
     bounding = list(rows.values()) if line.fault_class == PAIR else [row]
     return _too_much(bounding, line.on, times, line.most_uc)

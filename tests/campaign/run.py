@@ -103,6 +103,8 @@ def _why_not_to_write(args: argparse.Namespace) -> str:
     """Of a part of the campaign: the record has whole classes. Nothing where it may be written."""
     if args.recorded:
         return ""
+    if results.version().endswith("-dirty"):
+        return "--write with changes that are not committed: the record names the version"
     if args.part != 1 or not _is_whole(args):
         return (
             "--write with a part of the cases: the record has whole classes, of all scenes with a"

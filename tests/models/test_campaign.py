@@ -224,7 +224,7 @@ def test_what_does_not_hold_is_said() -> None:
         assert why in sentence
     without_guards = told(board="kajimoto-hv507", seen="halted", beyond_alone_pc=2.6e6)
     assert not_met([without_guards], {"a gain": row}) == []
-    late = Bound(leaves_supply_on="why", within_ms=260.0, uc={GUARDED: 1.0})
+    late = Bound(leaves_supply_on="why", within_ms={GUARDED: 260.0}, uc={GUARDED: 1.0})
     on_time = told(seen="halted", flowed_for_ms=260.0, leaves_supply_on=True)
     assert not_met([on_time], {"a gain": late}) == []
     (sentence,) = not_met([told(seen="halted", flowed_for_ms=260.1)], {"a gain": late})
@@ -394,7 +394,7 @@ def test_what_is_recorded_is_judged_by_its_rows_as_well() -> None:
     strong = 4 * PULSE_PC
     assert found(fault_class="in step", beyond_alone_pc=36_000.0, pulse_pc=strong) == []
     assert found(fault_class="in step", beyond_alone_pc=36_001.0, pulse_pc=strong) != []
-    rows["late"] = Bound(told_by=("a check",), within_ms=2.0, uc={GUARDED: 9.0})
+    rows["late"] = Bound(told_by=("a check",), within_ms={GUARDED: 2.0}, uc={GUARDED: 9.0})
     assert found(fault_class="late", seen="halted", flowed_for_ms=2.0) == []
     assert "2.1 ms until" in found(fault_class="late", seen="halted", flowed_for_ms=2.1)[0]
     assert "no row" in found(fault_class="another")[0]
