@@ -27,9 +27,10 @@ from raw_client import connected, connected_by_others, hello, part, poured
 CONNECTS, PROCESSES = 2_000, 70
 _LARGE = b"x" * 60_000
 #: Of each form that a frame has, as large as a message may be; one of them with as many electrodes
-#: as there may be.
+#: as there may be. With a number, and without one.
 _ARRAYS = tuple(
-    b'{"op":"frame","lease":"x","seq":1,%s]}' % form
+    b'{"op":"frame",%s"lease":"x",%s]}' % (number, form)
+    for number in (b'"seq":1,', b"")
     for form in (
         b'"returns":[' + b",".join([b"[0]"] * 16_300),
         b'"returns":[' + b",".join([b"[%s]" % b",".join([b"257"] * 63)] * 256),
