@@ -411,6 +411,15 @@ def test_the_page_and_the_record_agree_and_hold() -> None:
         assert all("| " + " | ".join(row) + " |\n" in page for row in rows)
 
 
+def test_what_is_told_has_a_bound_on_its_time() -> None:
+    """But where the hardware is named that would end it sooner."""
+    for line in recorded():
+        row = bounds()[line.fault_class]
+        is_told = bool(row.rows_on(line.on)) and line.safe_most_ms is not None
+        if is_told and line.on != BENCH and not row.needs:
+            assert line.on in row.within_ms, f"{line.fault_class} on {line.on}"
+
+
 PARTS = (["--scenes", "frames", BENCH], ["--boards", GUARDED], ["--bounded"], ["--only", "an edge"])
 
 
