@@ -67,7 +67,7 @@ def test_another_clients_frames_do_not_supersede_the_holders() -> None:
 def test_the_arrays_of_a_frame_are_decoded_for_the_holder_of_the_lease_alone(
     holds: bool, why: str
 ) -> None:
-    """Nobody else learns that there are too many."""
+    """A frame of another lease is refused for its lease, although it has too many levels."""
     with GatewayRig() as rig:
         lease = rig.open()
         stream = rig.socket(zmq.PUSH, "frames.sock")

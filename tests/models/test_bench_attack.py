@@ -7,7 +7,7 @@ from typing import Any
 
 from bench import attack
 
-GOOD = attack.Figures("somebody", 200, 0, 30.0, 90.0, 1.0, 19.0, 2.0, 49.0, 90.0, 290)
+GOOD = attack.Figures("flood", 200, 0, 30.0, 90.0, 1.0, 19.0, 2.0, 49.0, 90.0, 290)
 
 
 def test_each_figure_above_its_bound_is_not_met() -> None:

@@ -37,18 +37,18 @@ def test_a_daemon_that_is_slow_to_start_does_not_ask_whether_it_runs(tmp_path: P
 
 def test_what_a_killed_one_left_in_the_folder_is_taken_away(tmp_path: Path) -> None:
     """Of one that still runs it is not."""
-    of_nobody, of_this = (
+    of_ended, of_running = (
         tmp_path / "engine-4194305.ready",
         tmp_path / f"engine-{os.getppid()}.ready",
     )
-    for file in (of_nobody, of_this):
+    for file in (of_ended, of_running):
         file.touch()
     with (
         open(tmp_path / "log", "w", encoding="utf-8") as log,
         ProcessPair(("--folder", str(tmp_path), "--board", "fake"), tmp_path, log),
     ):
-        assert not of_nobody.exists()
-        assert of_this.exists()
+        assert not of_ended.exists()
+        assert of_running.exists()
 
 
 @pytest.mark.parametrize(("factor", "within_s"), [(None, 10.0), (3, 6.0), (100, 60.0)])

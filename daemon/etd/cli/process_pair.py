@@ -48,8 +48,8 @@ class Part:
         self.name = name
         self.is_ready = False
         self._had_to_be_killed = False
-        # Of this process alone: another one may start on the same folder, and find it taken.
         _take_away_left(folder, name)
+        # Of this process alone: another one may start on the same folder, and find it taken.
         self._ready_path = folder / f"{name}-{os.getpid()}.ready"
         self._ready_path.unlink(missing_ok=True)
         self.ready_socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
