@@ -13,7 +13,7 @@ import gc
 import os
 import resource
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -86,6 +86,11 @@ def whole(board: str, scene: str) -> Whole:
         raise RuntimeError(f"{scene} does not run on {board}: {problem}")
     played.close()
     return Whole(board, scene, course, found)
+
+
+def places_of(board: str, scenes: Iterable[str]) -> set[tuple[Port, int]]:
+    """All ports and places that these scenes have. Raises: as `whole`."""
+    return {(one.port, one.place) for scene in scenes for one in whole(board, scene).operations}
 
 
 def play(

@@ -5,7 +5,8 @@ Owns: the shape of a kind. Must not know: which kinds there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from campaign.operations import Interference, Port
@@ -51,8 +52,15 @@ class Kind:
         return self.stays or port in self.ports
 
     def applies(self, number: int, port: Port, chosen: Chosen) -> bool:
-        staying = chosen.parts if self.is_aside else chosen.staying
-        return number in (staying if self.stays else chosen.once) and self.may_come_at(port)
+        if not self.stays:
+            return number in chosen.once and port in self.ports
+        if self.is_aside:
+            return number in chosen.parts
+        return number in chosen.staying and number == self._of(chosen.ends.get(number, (number,)))
+
+    def _of(self, ends: Sequence[int]) -> int:
+        """One of them by lot, the same each time."""
+        return ends[zlib.crc32(f"{self.name} {ends[0]}".encode()) % len(ends)]
 
 
 def put_in(fault: Fault) -> Doing:

@@ -12,7 +12,7 @@ as many between as are asked for, evenly. Pairs of faults come at any operation.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import CodeType
 
@@ -51,35 +51,49 @@ class Chosen:
     once: frozenset[int]
     #: For what stays: it is the same fault between two of these.
     staying: frozenset[int]
+    #: Of what is in `staying`, the first and the last message of one place, by either: what stays
+    #: is put in at one of both, by lot.
+    ends: Mapping[int, tuple[int, int]]
     #: Of these one of each part: for what stays and no message of the program meets.
     parts: frozenset[int]
 
 
-def chosen(operations: Sequence[Operation], each: int | None, *, is_long: bool = False) -> Chosen:
+def chosen(
+    operations: Sequence[Operation],
+    each: int | None,
+    *,
+    had: Collection[tuple[Port, int]] = (),
+    is_long: bool = False,
+) -> Chosen:
     """`each`: at most so many of one place; None: all operations. What stays is put in at the first
-    and the last of these where they are messages, and at one other of each part. `is_long`: of a
-    scene whose cases take long, what happens once is put in at one operation of a place, and what
-    stays at one of each part.
+    or the last of these where they are messages, and at one other of each part. `had`: ports and
+    places that another scene has had. `is_long`: of a scene whose cases take long, what happens
+    once is put in at one operation of a place, and what stays at one of each part.
     """
     if each is None:
         every = frozenset(range(len(operations)))
-        return Chosen(every, every, every)
+        return Chosen(every, every, {}, every)
     by_place: dict[Operation, list[int]] = {}
     for number, found in enumerate(operations):
         by_place.setdefault(found, []).append(number)
     once: set[int] = set()
     staying: set[int] = set()
+    ends: dict[int, tuple[int, int]] = {}
     parts: dict[int, int] = {}
     for found, numbers in by_place.items():
+        if (found.port, found.place) in had:
+            continue
         taken = _spread(numbers, 1 if is_long else each)
         once.update(taken)
         if found.port == "spi" and not is_long:
             # From the first one on it meets the second as well.
-            staying.update((taken[0], taken[-1]))
+            both = taken[0], taken[-1]
+            staying.update(both)
+            ends |= dict.fromkeys(both, both)
         elif found.part not in parts:
             parts[found.part] = taken[len(taken) // 2]
     staying.update(parts.values())
-    return Chosen(frozenset(once), frozenset(staying), frozenset(parts.values()))
+    return Chosen(frozenset(once), frozenset(staying), ends, frozenset(parts.values()))
 
 
 def _spread(numbers: Sequence[int], count: int) -> list[int]:

@@ -39,6 +39,8 @@ _BOUNDED_PART = 300
 _EACH = 3
 #: Of the whole; of a part as much less.
 _PAIRS = 100
+#: Each so many-th case of a scene whose cases take long: two hours are for all scenes.
+_PART_OF_LONG = 4
 
 
 def play(
@@ -55,19 +57,23 @@ def play(
     whole = forked.whole(board, scene)
     every = choice.kinds_in(board, scene)
     kinds = [kind for kind in every if choice.is_asked_for(kind.name, args.only)]
-    at = chosen(whole.operations, None if args.all else args.each, is_long=scene in choice.LONG)
+    at = chosen(
+        whole.operations,
+        None if args.all else args.each,
+        had=forked.places_of(board, scenes.BEGUN_AS.get(scene, ())),
+        is_long=scene in choice.LONG,
+    )
     doubled = choice.pairs(
         f"{board} {scene}", kinds, every, whole.operations, count=args.pairs, seed=args.seed
     )
-    missing = choice.classes_first_at(board, scene) if args.part > 1 else set[str]()
+    part = args.part * (1 if args.all or scene not in choice.LONG else _PART_OF_LONG)
+    missing = choice.classes_first_at(board, scene) if part > 1 else set[str]()
 
     def wanted(number: int, port: Port) -> list[Kind]:
         found = choice.due_at(kinds, number, port, at)
         found = choice.one_of_each_class(found, number) if scene in choice.LONG else found
         found = [
-            one
-            for one in found
-            if choice.is_in(one, number, args.part) or choice.takes(missing, one)
+            one for one in found if choice.is_in(one, number, part) or choice.takes(missing, one)
         ]
         found += doubled.get(number, ())
         return [one for one in found if (one.name, number) not in done]
@@ -85,6 +91,8 @@ def play(
 def _conditions(args: argparse.Namespace) -> str:
     """What was run, as the page says it."""
     where = "each operation" if args.all else f"{args.each} operations of each place of the code"
+    is_thinned = BENCH in args.scenes and not args.all
+    where += f" (in a self-test each {_PART_OF_LONG}th case at one)" if is_thinned else ""
     part = "" if args.part == 1 else f", each {args.part}th case of these"
     pairs = f", with {args.pairs} pairs of faults in each scene on each board" if args.pairs else ""
     return f"At {where}{part}{pairs}"

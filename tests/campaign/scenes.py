@@ -7,7 +7,7 @@ faults, how the engine is asked (`engine_script.py`).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -270,6 +270,12 @@ class _Stopping(_Engine):
         self.arm()
 
 
+#: Scenes that begin as others do, in the same words of the script: what comes at these places has
+#: been played there.
+BEGUN_AS: Mapping[str, Sequence[str]] = {
+    "calibration": ("arming",),
+    "stopping": ("arming", "calibration"),
+}
 Making = Callable[[LoadedConfig, Operations, Course | None], Scene]
 #: In the order in which they are played: a self-test takes longest, and nobody is connected.
 SCENES: dict[str, Making] = {
