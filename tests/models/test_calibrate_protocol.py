@@ -89,6 +89,25 @@ def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: Stepp
     display.close()
 
 
+def test_a_presentation_waits_until_the_net_charge_of_those_before_has_leaked(
+    daemon: SteppedDaemon,
+) -> None:
+    display = SteppedDisplay(daemon, 2_500, 200)
+    display.arm()
+    conditions = msgspec.structs.replace(
+        conditions_of(daemon, "limits"), width_us=200, cap_ua=2_500, pulses=10
+    )
+    stimulating = Stimulator(display, display, daemon, conditions, lambda: False)
+    stimulating.open()
+    for current_ua in (800, 1_200, 1_600, 2_000):
+        stimulating.present(3, current_ua)
+    # 5 uC each, of 10 that may be there.
+    for _ in range(4):
+        assert stimulating.present(3, 2_500).current_ua >= 2_490
+    assert daemon.engine.components.reporter.counters["net_charge"] == 0
+    display.close()
+
+
 def test_all_electrodes_are_presented_at_once_each_at_its_own_current(
     daemon: SteppedDaemon,
 ) -> None:

@@ -7,7 +7,9 @@ through a clock port.
 What was fired otherwise than requested (soft start, a re-contact, the ledger) does not count as a
 presentation: it is repeated, and after several times given up, with the reason. It is never more
 than requested. The soft start rises with what is fired, so repetitions that came further than the
-one before do not count as tries.
+one before do not count as tries. A presentation that the net charge of those before it does not let
+stand waits for that to leak away, with a time constant of a second: a person is asked at one
+current several times.
 """
 
 from __future__ import annotations
@@ -38,6 +40,8 @@ _TRIES = 8
 #: The whole array may be slower, and take longer.
 _MOST_TTL_MS = 1_000
 _AGAIN_NS = 150 * _MS
+#: Five time constants: what is refused after that is too much by itself.
+_LEAKED_WITHIN_NS, _LEAKS_S = 5_000 * _MS, 0.1
 #: Reports come 30 times a second; the stop is polled more often.
 _LOOK_S = 0.02
 #: The current fired may be one step of the source lower than requested.
@@ -191,8 +195,7 @@ class Stimulator:
         conditions, is_whole = self._conditions, len(currents_ua) > 1
         self._look()
         ttl_ms = _MOST_TTL_MS if is_whole else int(conditions.presentation_s * 1000) + 250
-        begun_ns = self._clock.now_ns()
-        seq = self._show(currents_ua, conditions.pulses, ttl_ms, allow_slower=is_whole)
+        seq, begun_ns = self._shown_once_leaked(currents_ua, ttl_ms, allow_slower=is_whole)
         until_ns = self._clock.now_ns() + _FIRED_WITHIN_NS
         trouble: set[str] = set()
         while self._clock.now_ns() < until_ns:
@@ -238,6 +241,23 @@ class Stimulator:
         if not current_ua - _STEPS_UA <= fired_ua <= current_ua:
             return f"{fired_ua} uA were fired instead of {current_ua} uA"
         return ""
+
+    def _shown_once_leaked(
+        self, currents_ua: Mapping[int, int], ttl_ms: int, *, allow_slower: bool
+    ) -> tuple[int, int]:
+        """The frame's number, and when it was sent: when the net charge lets it stand."""
+        until_ns = self._clock.now_ns() + _LEAKED_WITHIN_NS
+        while True:
+            begun_ns = self._clock.now_ns()
+            try:
+                pulses = self._conditions.pulses
+                seq = self._show(currents_ua, pulses, ttl_ms, allow_slower=allow_slower)
+            except Refused as refused:
+                if refused.code != "over_maximum" or begun_ns >= until_ns:
+                    raise
+                self.pause(_LEAKS_S)
+            else:
+                return seq, begun_ns
 
     def _show(
         self,
