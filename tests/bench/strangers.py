@@ -128,12 +128,18 @@ def ask_for_slow_things(folder: Path) -> Turns:
 
 
 def ask_for_full_folders(folder: Path) -> Turns:
-    """Twenty clients that want to know of a thousand records and of as many calibrations."""
+    """Twenty clients that want to know of a thousand records and of as many calibrations, and to
+    open with one of them.
+    """
     for kept, suffix in (("records", "jsonl"), ("calibrations", "toml")):
         (folder / "state" / kept).mkdir(mode=0o750, parents=True, exist_ok=True)
         for number in range(_KEPT):
             (folder / "state" / kept / f"kept-{number}.{suffix}").touch(mode=0o640)
-    asked = (b'{"op": "record", "do": "list"}', b'{"op": "hello"}')
+    asked = (
+        b'{"op": "record", "do": "list"}',
+        b'{"op": "hello"}',
+        b'{"op": "open", "client": "x", "calibration": "lost"}',
+    )
     with ExitStack() as stack:
         clients = [stack.enter_context(client_of(folder, zmq.DEALER)) for _ in range(20)]
         while True:

@@ -307,13 +307,13 @@ def test_a_calibration_with_another_digest_than_was_meant_is_not_opened() -> Non
         assert rig.call(**asked, digests=[digest])["ok"]
 
 
-def test_more_calibrations_than_are_kept_are_told_when_one_is_opened() -> None:
+def test_who_opens_looks_at_its_own_calibration_whatever_else_is_in_the_folder() -> None:
+    """To look at all of them would take as long as somebody has put files there."""
     with GatewayRig() as rig:
         keep(rig, "p01")
         for number in range(1_000):
             (rig.state_dir / "calibrations" / f"q{number}.toml").touch()
-        reply = rig.call(op="open", client="a", calibration="p01")
-        assert (reply["error"], "1000" in reply["reason"]) == ("bad_calibration", True)
+        assert rig.call(op="open", client="a", calibration="p01")["ok"]
         assert len(rig.call(op="hello")["calibrations"]) == 1_000
 
 

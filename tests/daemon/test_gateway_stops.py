@@ -316,10 +316,31 @@ def test_what_only_has_a_reply_is_not_done_for_a_client_that_has_left(rig: Gatew
         b"",
     ],
 )
-def test_that_one_is_a_stop_is_known_before_it_is_decoded(data: bytes) -> None:
-    inbound = InboundMessage(1, (b"",), 0, data)
+@pytest.mark.parametrize("route", [(), (b"",), (b"x",), (b"", b"")])
+def test_that_one_is_a_stop_is_known_before_it_is_decoded(
+    data: bytes, route: tuple[bytes, ...]
+) -> None:
+    inbound = InboundMessage(1, route, 0, data)
     try:
         request: object = read_request(inbound)
     except Unreadable:
         request = None
     assert is_stop(inbound) is isinstance(request, Stop)
+
+
+def test_a_stop_that_a_proxy_has_passed_on_is_heeded_and_answered_the_same_way(
+    rig: GatewayRig,
+) -> None:
+    """A proxy puts the client's address before it."""
+    socket = rig.socket(zmq.DEALER, "control.sock")
+    socket.send_multipart([b"a client", b"", b'{"op":"stop","id":7}'])
+    rig.until(lambda: stops(rig) == 1)
+    socket.send_multipart([b"a client", b"", b'{"op":"status"}'])
+    replies = []
+    while len(replies) < 2:
+        rig.until(lambda: socket.poll(0) != 0)
+        replies.append(socket.recv_multipart())
+    assert [reply[:2] for reply in replies] == [[b"a client", b""]] * 2
+    refused = [reply for reply in replies if b"bad_message" in reply[2]]
+    assert len(refused) == 1
+    assert b"must be one part" in refused[0][2]

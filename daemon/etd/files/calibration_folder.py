@@ -111,28 +111,20 @@ class CalibrationFolder:
                 "bad_calibration", f"{path} could not be deleted: {error.strerror}"
             ) from error
 
-    def check_kept(self) -> None:
-        """Not more than are kept, whoever put them here. Raises: Refused (`bad_calibration`)."""
-        try:
-            self._check_room("", 0, more=0)
-        except OSError as error:
-            raise Refused(
-                "bad_calibration", f"{self.own} cannot be read: {error.strerror}"
-            ) from error
-
     @property
     def _mode(self) -> int:
         """Behind the system's folder, which keeps strangers out, the services read it as others."""
         return 0o644 if paths.SYSTEM_CALIBRATIONS in self.own.parents else 0o640
 
-    def _check_room(self, file: str, new_bytes: int, more: int = 1) -> None:
-        """What is replaced makes room. Raises: Refused (`bad_calibration`)."""
-        if not self.own.is_dir():
-            return
+    def _check_room(self, file: str, new_bytes: int) -> None:
+        """What is replaced makes room. Looks at all files, so it is the writer's alone: in the
+        gateway it would take as long as somebody has put files here. Raises: Refused
+        (`bad_calibration`).
+        """
         others = [path for path in self.own.iterdir() if path.name != file]
         taken_bytes = sum(map(size_of, others))
         why = ""
-        if sum(path.suffix == ".toml" for path in others) + more > MOST_CALIBRATIONS:
+        if sum(path.suffix == ".toml" for path in others) >= MOST_CALIBRATIONS:
             why = f"no more than {MOST_CALIBRATIONS} calibrations are kept in {self.own}"
         elif taken_bytes + new_bytes > MOST_IN_ALL_BYTES:
             why = (

@@ -152,8 +152,6 @@ class ControlHandler:
                 "open needs either a calibration or limits (max_current_ua and width_us)",
             )
         names = _names_of(request.calibration)
-        if names:
-            self._store.check_kept()
         return self._once_read(names, inbound, lambda: self._opened(request, inbound))
 
     def _opened(self, request: Open, inbound: InboundMessage) -> Success | Awaited:

@@ -132,8 +132,8 @@ def inbound_of(connection: Connection, parts: Parts) -> InboundMessage:
 
 
 def is_stop(inbound: InboundMessage) -> bool:
-    """Whether `read_request` makes a stop of it, or refuses it for its parts alone. A tenth of the
-    time, and no memory: an array is stepped over, and not decoded.
+    """Whether `read_request` makes a stop of it. A tenth of the time, and no memory: an array is
+    stepped over, and not decoded.
     """
     return _asks_to_stop(_head_of(inbound.data).op, inbound.data)
 
@@ -146,9 +146,12 @@ def id_of(inbound: InboundMessage) -> Id | None:
 def read_request(inbound: InboundMessage) -> Request:
     """A request from the control socket. Raises: Unreadable.
 
-    A stop is a stop whatever else is wrong with the message: then it names no client.
+    A stop is a stop whatever else is wrong with the message, its parts too (a proxy adds one): then
+    it names no client.
     """
     if inbound.route not in ((), (b"",)):
+        if is_stop(inbound):
+            return Stop(id=id_of(inbound))
         what = "a request must be one part, or an empty part and one more"
         raise Unreadable(Refused("bad_message", what))
     try:

@@ -47,10 +47,6 @@ class CalibrationStore:
             raise Refused("busy", f"{name!r} was written while it was read: ask again")
         return found
 
-    def check_kept(self) -> None:
-        """Raises: Refused (`bad_calibration`)."""
-        self._folder.check_kept()
-
     def named(self, names: Sequence[str], with_shipped: bool) -> tuple[NamedCalibration, ...]:
         """Those of a lease, in the order of their names, as they were read.
 
