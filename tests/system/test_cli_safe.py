@@ -126,34 +126,102 @@ def test_a_configuration_without_a_board_says_so(rig: CommandRig) -> None:
     assert "board: it is missing" in refused.err
 
 
-@pytest.mark.parametrize("broken", ["settings", "board"])
-def test_a_file_that_was_broken_since_the_engine_was_started_does_not_keep_it_from_being_safe(
-    rig: CommandRig, board: RunningBoard, broken: str
-) -> None:
+@pytest.fixture
+def copy(rig: CommandRig, board: RunningBoard) -> Path:
+    """What an engine on Linux keeps of its board's file, in the folder that it was given."""
     with rig.daemon("--board", "fake", "--array", "pad-8"):
         (kept,) = rig.folder.rglob("board-as-started-fake.toml")
-        shipped = find("boards", BOARD)
-        assert kept.read_bytes().endswith(shipped.read_bytes())
+        assert kept.read_bytes().endswith(SHIPPED.read_bytes())
         assert kept.stat().st_mode & 0o777 == 0o600
-    settings, edited = rig.folder / "main.toml", rig.folder / "edited.toml"
-    edited.write_text(shipped.read_text().replace("[maxima]", "[maxima]\ntypo = 1"))
-    said = f'backend = "linux"\nboard = "{edited}"\nmachine = "pi4"\n'
-    settings.write_text("backend = [" if broken == "settings" else said)
-    asked = ("safe", "--config", str(settings), "--board-socket", str(board.socket))
-    assert rig.run(*asked).status != 0, "there is no engine of such a board yet"
-    head, _, text = kept.read_text().partition("\n")
-    of = json.loads(head.removeprefix("# etd: "))
-    assert of["file"] == str(shipped)
-    started = kept.with_name("board-as-started-linux.toml")
-    # Of another start of the computer, or of another board's file.
-    others = [{**of, "boot": "another"}, *([of] if broken == "board" else [])]
-    for other in others:
-        started.write_text(f"# etd: {json.dumps(other)}\n{text}")
-        assert rig.run(*asked).status != 0
-    started.write_text(f"# etd: {json.dumps({**of, 'file': str(edited)})}\n{text}")
-    elsewhere = ("safe", "--config", str(rig.folder / "none.toml"), *asked[3:])
-    assert rig.run(*elsewhere).status != 0, "without settings there need not be that board"
+        assert of_copy(kept)["file"] == str(SHIPPED)
+    return kept.rename(kept.with_name("board-as-started-linux.toml"))
+
+
+def of_copy(copy: Path) -> dict[str, str]:
+    found: dict[str, str] = json.loads(copy.read_text().partition("\n")[0].removeprefix("# etd: "))
+    return found
+
+
+def rewrite(copy: Path, **changed: str) -> None:
+    """The copy, of something else."""
+    text = copy.read_text().partition("\n")[2]
+    copy.write_text(f"# etd: {json.dumps({**of_copy(copy), **changed})}\n{text}")
+
+
+def asked_with(
+    rig: CommandRig, board: RunningBoard, settings: str, edited: str = ""
+) -> tuple[str, ...]:
+    """`etd safe` with these settings, which may name a board's file that is so."""
+    (rig.folder / "edited.toml").write_text(edited)
+    (rig.folder / "main.toml").write_text(settings.format(rig.folder / "edited.toml"))
+    return (
+        *("safe", "--config", str(rig.folder / "main.toml")),
+        *("--board-socket", str(board.socket)),
+    )
+
+
+SHIPPED = find("boards", BOARD)
+SETTINGS = 'backend = "linux"\nboard = "{}"\nmachine = "pi4"\n'
+EDITED = {
+    "settings that cannot be read": ("backend = [", ""),
+    "a file that cannot be read": (SETTINGS, "[maxima"),
+    "a key that is not known": (
+        SETTINGS,
+        SHIPPED.read_text().replace("[maxima]", "[maxima]\ntypo = 1"),
+    ),
+    "another line": (SETTINGS, SHIPPED.read_text().replace("BL = 23", "BL = 25")),
+}
+
+
+@pytest.mark.parametrize("edit", EDITED)
+def test_what_was_edited_since_the_engine_was_started_is_made_safe_as_it_was_then(
+    rig: CommandRig, board: RunningBoard, copy: Path, edit: str
+) -> None:
+    asked = asked_with(rig, board, *EDITED[edit])
     made = rig.run(*asked)
     assert made.status == 0, made.err
     assert "the board is made safe as the engine was started with it" in made.err
     assert last_levels(board.trace, {4: "POL", 23: "BL"}) == {"POL": 1, "BL": 0}
+    elsewhere = ("safe", "--config", str(rig.folder / "none.toml"), *asked[3:])
+    assert rig.run(*elsewhere).status != 0, "without settings there need not be that board"
+
+
+def test_a_copy_counts_until_the_computer_is_started_again(
+    rig: CommandRig, board: RunningBoard, copy: Path
+) -> None:
+    rewrite(copy, boot="another")
+    assert rig.run(*asked_with(rig, board, "backend = [")).status != 0
+
+
+def test_a_board_that_the_command_names_is_made_safe_as_the_engine_had_that_file(
+    rig: CommandRig, board: RunningBoard, copy: Path
+) -> None:
+    asked_with(rig, board, SETTINGS, EDITED["another line"][1])
+    asked = ("safe", "--board", str(rig.folder / "edited.toml"), *safe(rig, board)[3:])
+    other = rig.run(*asked)
+    assert other.status == 0, other.err
+    assert other.err == "", "the copy is of another file"
+    rewrite(copy, file=str(rig.folder / "edited.toml"))
+    assert "as the engine was started with it" in rig.run(*asked).err
+
+
+def test_a_daemon_with_a_folder_of_its_own_has_its_copy_there(
+    rig: CommandRig, board: RunningBoard, copy: Path
+) -> None:
+    (rig.folder / "state").mkdir(exist_ok=True)
+    copy.rename(rig.folder / "state" / copy.name)
+    asked = asked_with(rig, board, "backend = [")
+    assert rig.run(*asked).status != 0
+    made = rig.run(*asked, "--state", str(rig.folder / "state"))
+    assert made.status == 0, made.err
+    assert str(rig.folder / "state" / copy.name) in made.err
+
+
+def test_a_copy_that_cannot_be_used_leaves_the_file_as_it_is(
+    rig: CommandRig, board: RunningBoard, copy: Path
+) -> None:
+    copy.write_text(copy.read_text().replace("[maxima]", "[maxima]\ntypo = 1"))
+    made = rig.run(*asked_with(rig, board, SETTINGS, SHIPPED.read_text()))
+    assert made.status == 0, made.err
+    assert "the board's file is used as it is now" in made.err
+    assert rig.run(*asked_with(rig, board, "backend = [")).status != 0

@@ -264,6 +264,8 @@ def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
         command += ["--board", loaded.config.board, "--machine", loaded.config.machine]
     if args.board_socket is not None:
         command += ["--board-socket", str(args.board_socket)]
+    if (given := _given_state_folder(args)) is not None:
+        command += ["--state", str(given)]
     return command
 
 

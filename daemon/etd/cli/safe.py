@@ -11,7 +11,7 @@ import argparse
 import json
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,8 @@ examples:
 
 Switches outputs and supply off, sets the DAC to zero, and deselects all electrodes. Every step is
 tried and checked, even if another fails. systemd runs it whenever the engine has ended. While an
-engine runs it holds the lines: use `etd stop`.
+engine runs it holds the lines: use `etd stop`. A file that was edited since the engine was started
+does not count: the lines that it has moved are those of the file as it was.
 
 exit status: 0 safe, 1 a step failed, 3 the hardware is missing or in use
 """
@@ -48,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--machine", metavar="FILE", help="a machine file, or a shipped one's name")
     parser.add_argument(
         "--board-socket", type=Path, metavar="PATH", help="the fake board process at PATH"
+    )
+    parser.add_argument(
+        "--state", type=Path, metavar="FOLDER", help="the daemon's, where it was started with one"
     )
     parser.add_argument("--json", action="store_true", help="answer with one JSON object")
 
@@ -89,35 +93,69 @@ class _Settings:
 
 
 def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]:
-    """As they are; or as the engine was started with them, where they cannot be read any more: the
-    lines of that board must be made safe.
+    """As the last engine was started with them, or as they are: an edit since then may have made
+    the files unreadable, or name other lines than those that it has moved.
     """
-    named: Path | None = None
+    now: tuple[_Settings, BoardFile] | FileError
     try:
         settings = _settings(args)
-        named = settings.path("boards", settings.board).resolve()
-        return settings, load_board(named)
+        now = settings, load_board(settings.path("boards", settings.board))
     except FileError as error:
-        # Without settings this computer need not have that board any more.
-        if args.board is not None or not _settings_file(args).exists():
-            raise
-        # Where all is as it should be, it is not needed.
-        from etd.files.as_started import as_started
+        now = error
+    copy = _as_started(args)
+    if copy is None:
+        return _or_raised(now)
+    try:
+        then = load_board(copy)
+    except FileError as error:
+        print(f"{error}: the board's file is used as it is now", file=sys.stderr)
+        return _or_raised(now)
+    if isinstance(now, FileError):
+        _tell_as_started(str(now), copy)
+        return _Settings("linux", str(copy), _ANY_MACHINE, copy.parent), then
+    settings, as_it_is = now
+    if then == as_it_is:
+        return now
+    _tell_as_started("the settings or the board's file are not as they were", copy)
+    return replace(settings, backend=_backend(args, "linux")), then
 
-        kept = as_started(args.name, named)
-        if kept is None:
-            raise
-        print(
-            f"{error}: the board is made safe as the engine was started with it ({kept})",
-            file=sys.stderr,
-        )
-        return _Settings("linux", str(kept), _ANY_MACHINE, kept.parent), load_board(kept)
+
+def _or_raised(found: tuple[_Settings, BoardFile] | FileError) -> tuple[_Settings, BoardFile]:
+    if isinstance(found, FileError):
+        raise found
+    return found
+
+
+def _as_started(args: argparse.Namespace) -> Path | None:
+    """The copy that the engine keeps, if it counts: of any board that the settings named, or of the
+    file that the command names.
+    """
+    file: Path | None = None
+    try:
+        if args.board is not None:
+            file = find("boards", args.board, Path.cwd()).resolve()
+        elif not _settings_file(args).exists():
+            return None  # Without settings this computer need not have that board any more.
+    except FileError:
+        return None
+    # What is loaded with the command is little, and this is not.
+    from etd.files.as_started import as_started
+
+    return as_started(args.name, file, args.state)
+
+
+def _tell_as_started(why: str, copy: Path) -> None:
+    said = f"{why}: the board is made safe as the engine was started with it ({copy})"
+    print(said, file=sys.stderr)
+
+
+def _backend(args: argparse.Namespace, said: str) -> str:
+    return said if args.board_socket is None else "fake"
 
 
 def _settings(args: argparse.Namespace) -> _Settings:
-    backend = "fake" if args.board_socket is not None else "linux"
     if args.board is not None and args.machine is not None:
-        return _Settings(backend, args.board, args.machine, Path.cwd())
+        return _Settings(_backend(args, "linux"), args.board, args.machine, Path.cwd())
     if args.board is not None:
         args.misused("--board needs --machine: pi4, or pi3 for a Raspberry Pi 3 or Zero 2 W")
     path = _settings_file(args)
@@ -126,7 +164,7 @@ def _settings(args: argparse.Namespace) -> _Settings:
         if not isinstance(said.get(key), str):
             raise FileError(str(path), key, "it is missing", "run `etd check` on this file")
     return _Settings(
-        backend if args.board_socket is not None else said["backend"],
+        _backend(args, said["backend"]),
         said["board"],
         args.machine or str(said.get("machine", "(none is named)")),
         path.resolve().parent,

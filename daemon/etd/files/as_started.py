@@ -2,9 +2,9 @@
 
 Owns: the copy, and when it still counts. Must not know: what a board is, what is made of the copy.
 
-A file, or settings, that were edited while the engine ran may be such as cannot be read. The lines
-of the board that the engine had must be made safe all the same; but of no other board: so the copy
-counts until the computer is started again, and only for the file that it is of.
+A file, or settings, that were edited while the engine ran may be such as cannot be read, or name
+other lines. Those of the board that the engine had must be made safe all the same. Each start of an
+engine makes it anew, and it counts until the computer is started again.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ def keep_as_started(copy: Path, file: Path) -> None:
     write_atomically(copy, f"{_HEAD}{of}\n".encode() + file.read_bytes(), mode=0o600)
 
 
-def as_started(name: str, file: Path | None) -> Path | None:
-    """The copy, if it is of this boot, and of the `file` that the settings name, as far as that is
-    known.
+def as_started(name: str, file: Path | None, given: Path | None) -> Path | None:
+    """The copy, if it is of this boot, and of this `file` (None: of any). `given`: the daemon's own
+    folder, if it has one.
     """
     with contextlib.suppress(OSError, ValueError, FileError):
-        copy = board_as_started_file(name, "linux", None)
+        copy = board_as_started_file(name, "linux", given)
         with copy.open(encoding="utf-8") as lines:
             of = json.loads(lines.readline().removeprefix(_HEAD))
         if of["boot"] == _boot() and (file is None or of["file"] == str(file)):
