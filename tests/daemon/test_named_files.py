@@ -99,6 +99,17 @@ def sizes(store: RecordStore) -> dict[str, int]:
     return {one.name: one.bytes for one in store.facts(None)}
 
 
+@pytest.mark.parametrize("offset", [3, 4, 2**40, 2**63 - 1])
+def test_beyond_a_records_end_there_is_nothing_and_that_is_no_failure(
+    tmp_path: Path, offset: int
+) -> None:
+    store = RecordStore(tmp_path)
+    store.create("first")
+    (tmp_path / "records" / "first.jsonl").write_bytes(b"abc")
+    assert store.piece("first", 2) == b"c"
+    assert store.piece("first", offset) == b""
+
+
 def test_a_list_is_of_now_whoever_has_changed_the_folder(tmp_path: Path) -> None:
     """A record that grows, one that is deleted, one that somebody else puts there or takes."""
     store, folder = RecordStore(tmp_path), tmp_path / "records"

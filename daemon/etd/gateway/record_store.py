@@ -126,7 +126,8 @@ class RecordStore:
         except OSError as error:
             raise Refused("record_failed", f"{path} cannot be read: {error.strerror}") from error
         try:
-            return os.pread(number, PIECE_BYTES, offset)
+            # No record is longer; a file system has a largest offset of its own.
+            return os.pread(number, PIECE_BYTES, offset) if offset <= MOST_BYTES else b""
         except OSError as error:
             raise Refused("record_failed", f"{path} cannot be read: {error.strerror}") from error
         finally:
