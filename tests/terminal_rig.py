@@ -42,7 +42,7 @@ class AtTerminal:
                 self._press("n")
             self._press(key)
             if key == "t":
-                self.command.line_with("Too strong: it does not come again", "stdout")
+                self.command.line_with("Too strong. Was it so?", "stdout")
                 os.write(self._keys, b"t")
 
     def _press(self, key: str) -> None:

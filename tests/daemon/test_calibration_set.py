@@ -124,6 +124,7 @@ def test_a_polarity_that_nothing_was_calibrated_with_is_refused(wanted: dict[str
     with pytest.raises(Refused, match="anodic or cathodic") as refused:
         planner.plan(frame(polarity=kinds, **wanted))
     assert refused.value.code == "bad_frame"
+    assert "or send current_ua" not in refused.value.reason, "that would be refused as well"
 
 
 def test_a_silent_electrodes_polarity_does_not_matter_where_currents_are_named() -> None:
@@ -145,5 +146,5 @@ def test_what_was_not_felt_in_one_polarity_has_levels_in_the_other() -> None:
 
 
 def test_with_one_calibration_a_level_still_has_its_polarity_only() -> None:
-    with pytest.raises(Refused, match="with polarity anodic;"):
+    with pytest.raises(Refused, match="with polarity anodic;.* or send current_ua"):
         planner_of(made("anodic")).plan(frame(level=(0.5,) * N, polarity="cathodic"))

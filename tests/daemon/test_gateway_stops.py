@@ -336,7 +336,7 @@ def test_a_stop_that_a_proxy_has_passed_on_is_heeded_and_answered_the_same_way(
     socket.send_multipart([b"a client", b"", b'{"op":"stop","id":7}'])
     rig.until(lambda: stops(rig) == 1)
     socket.send_multipart([b"a client", b"", b'{"op":"status"}'])
-    replies = []
+    replies: list[list[bytes]] = []
     while len(replies) < 2:
         rig.until(lambda: socket.poll(0) != 0)
         replies.append(socket.recv_multipart())

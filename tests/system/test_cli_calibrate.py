@@ -225,6 +225,22 @@ def test_a_whole_array_too_strong_is_told_with_what_is_left_of_the_levels(rig: C
     assert made.is_whole_accepted
 
 
+def test_an_electrode_that_is_left_out_is_so_though_it_has_a_result(rig: CommandRig) -> None:
+    """It may be left out because it hurts; as a return it gets no more than was accepted there."""
+    conditions = msgspec.structs.replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000)
+    limits = ElectrodeLimits(threshold_ua=500, comfortable_ua=1_600, cap_ua=1_900)
+    tender = ElectrodeLimits(threshold_ua=200, comfortable_ua=300, cap_ua=400)
+    found = {**dict.fromkeys(range(8), limits), 3: tender}
+    progress = Progress(conditions=conditions, seed=SEED, found=found, is_whole_accepted=True)
+    save_progress(rig.folder / "state" / "etd" / "fake" / "calibrating" / "P01.json", progress)
+    out = rig.folder / "P01.toml"
+    said = rig.run(*ARGUMENTS, "--leave-out", "3", "--out", str(out), "--json")
+    assert said.status == 0, said.err
+    made = load_calibration(out).electrode
+    assert made[3] == ElectrodeLimits(threshold_ua=400, comfortable_ua=400, cap_ua=400, felt=False)
+    assert {one.cap_ua for one in made if one.felt} == {1_900}
+
+
 @pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])
 def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Signals) -> None:
     with rig.daemon("--array", "pad-8"):

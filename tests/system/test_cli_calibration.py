@@ -88,6 +88,47 @@ def test_what_does_not_fit_or_is_there_already_is_refused_in_a_sentence(shared: 
     assert (endless.status, "it is a pipe, a device or a socket" in endless.err) == (1, True)
 
 
+def test_the_name_of_another_persons_calibration_is_taken(shared: CommandRig) -> None:
+    """Who replaced it would give one person the currents of another."""
+    path = written(shared.folder, "P08.toml")
+    assert shared.run("calibration", "import", str(path)).status == 0
+    theirs = shared.run("calibration", "export", "P08").out
+    other = path.with_name("other.toml")
+    other.write_text(theirs.replace('participant = "P01"', 'participant = "S02"'))
+    assert other.read_text() != theirs
+    asked = ("--max-current-ua", "2000")
+    for taking in (
+        ("calibration", "import", str(other), "--as", "P08"),
+        ("calibrate", "S02", "--as", "P08", *asked),
+        ("calibrate", "P01", "--as", "P08", "--polarity", "cathodic", *asked),
+        ("calibrate", "fake", "--fit", "--baseline", "fake-fingertip-pad-8", "--as", "P08", *asked),
+        ("calibrate", "fake", "--adaptation", "--baseline", "fake-fingertip-pad-8", "--as", "P08"),
+    ):
+        refused = shared.run(*taking)
+        assert refused.status != 0
+        assert "P08: it is the name of a calibration of p" in refused.err
+        assert "which would be lost; choose another one with --as, or discard" in refused.err
+    assert shared.run("calibration", "export", "P08").out == theirs
+    again = path.with_name("again.toml")
+    again.write_text(theirs.replace("2025-03-04", "2025-03-05"))
+    assert shared.run("calibration", "import", str(again), "--as", "P08").status == 0, "a newer one"
+    replaced = shared.run("calibration", "import", str(other), "--as", "P08", "--replace")
+    assert replaced.status == 0, replaced.err
+    assert shared.run("calibration", "delete", "P08").status == 0
+
+
+def test_a_name_of_what_cannot_be_read_is_taken_too(rig: CommandRig) -> None:
+    with rig.daemon("--array", "pad-8"):
+        (folder,) = rig.folder.glob("state/etd/main")
+        kept = folder / "calibrations"
+        kept.mkdir(exist_ok=True)
+        (kept / "P01.toml").write_text("[")
+        path = written(rig.folder, "P01.toml")
+        refused = rig.run("calibration", "import", str(path))
+        assert (refused.status, "that cannot be read" in refused.err) == (1, True)
+        assert rig.run("calibration", "import", str(path), "--replace").status == 0
+
+
 def test_what_a_file_says_does_not_write_over_the_terminal(shared: CommandRig) -> None:
     path = written(shared.folder, "P01.toml")
     path.write_text(path.read_text().replace('program = "', 'program = "\\u001b[2J'))

@@ -77,6 +77,13 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         if electrode in self.found and self.found[electrode].cap_ua > left_ua:
             del self.found[electrode]
 
+    def leave_out(self, electrode: int) -> None:
+        """Its result, if it has one, is not used; its cap stays: for what it carries back."""
+        limits = self.found.pop(electrode, None)
+        if limits is not None:
+            left_ua = self.lowered_ua.get(electrode, limits.cap_ua)
+            self.lowered_ua[electrode] = min(limits.cap_ua, left_ua)
+
     @property
     def is_whole_due(self) -> bool:
         """A single electrode was accepted already."""

@@ -40,6 +40,7 @@ from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.keys import keyboard
+from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
@@ -71,6 +72,7 @@ class AdaptationSession:
         with calibrated_first(_OPTION):
             self._baseline = display.calibration(args.baseline)
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
+        check_name_is_theirs(args, display, which, conditions)
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
         check_date(self._baseline, wall_time().date())

@@ -31,6 +31,7 @@ from etd.cli.fit_session import FitSession
 from etd.cli.keys import legend
 from etd.cli.new_file import check_new_file
 from etd.cli.private_daemon import answer_within_s, private_daemon, termination_as_ctrl_c
+from etd.cli.taken_name import add_replace
 from etd.client import Display
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.files.paths import check_name
@@ -157,6 +158,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="discard the saved progress, also what was too strong, and start again",
     )
+    add_replace(parser)
     parser.add_argument("--arm", action="store_true", help="arm the board; needs operate rights")
     options.add_fake(
         parser, "start a daemon with a fake board, instead of using the running daemon"

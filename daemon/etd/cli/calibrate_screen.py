@@ -21,7 +21,7 @@ _CLEAR = "\x1b[H\x1b[2J"
 _SIGNS = "@ now   # done   x not felt   ! too strong   . to do"
 _ASKED = {
     "strength": "How strong was it?",
-    "sure": "Too strong: it does not come again. Was it so? t again, or what it was.",
+    "sure": "Too strong. Was it so? t again, or what it was.",
     "compare": "Was the second as strong as the first?",
     "which": "Which one was too strong?",
     "whole": "How strong was all of it together?",

@@ -38,6 +38,7 @@ from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
 from etd.cli.doubts import doubts_of, drift_in_words
 from etd.cli.keys import keyboard
+from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
@@ -62,11 +63,14 @@ class CalibrateSession:
         check_progress_folder(self._file)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
+        check_name_is_theirs(args, display, which, conditions)
         has_baseline = self._baseline is not None
         check_laws(conditions, display.facts.stabilizers, has_baseline=has_baseline)
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
         self._progress = self._begun(conditions)
+        for electrode in args.leave_out:
+            self._progress.leave_out(electrode)
         if set(args.leave_out) >= set(range(conditions.electrodes)):
             raise FileError(
                 COMMAND_LINE,

@@ -19,6 +19,7 @@ from etd.cli.doubts import doubts_of
 from etd.cli.given_file import check_given
 from etd.cli.new_file import check_new_file
 from etd.cli.running import display_of
+from etd.cli.taken_name import add_replace, check_name_is_theirs
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import calibration_of_bytes, load_calibration, to_toml
@@ -70,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file", type=Path, metavar="FILE", help="a calibration file; - is the input"
     )
     taking.add_argument("--as", dest="which", metavar="NAME", help="default: the file's own name")
+    add_replace(taking)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -206,6 +208,7 @@ def _import(args: argparse.Namespace) -> int:
     calibration = _from_input() if is_input else _loaded(check_given(args.file, advice))
     name = check_name(args.which or args.file.stem, WHOSE)
     with _display(args) as display:
+        check_name_is_theirs(args, display, name, calibration)
         display.set_calibration(name, calibration)
     _done(args, f"{name}: {_sentence(calibration)}", name)
     return 0

@@ -61,6 +61,6 @@ def said_of_caps(each: Mapping[int, ElectrodeLimits]) -> str | None:
     if not found:
         return None
     return (
-        "not felt within its cap, since all at once were too strong and were taken down: electrode"
+        "not felt within its cap, which was taken down where something was too strong: electrode"
         f" {', '.join(found)}"
     )

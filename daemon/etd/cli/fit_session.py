@@ -54,6 +54,7 @@ from etd.cli.calibration_shown import k_in_words
 from etd.cli.false_alarms import said_of_false_alarms_of_fit
 from etd.cli.fit_wearer import PersonAtKeys, SimulatedWearer, Wearer
 from etd.cli.keys import keyboard
+from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
@@ -78,6 +79,7 @@ class FitSession:
         with calibrated_first(_OPTION):
             self._baseline = display.calibration(args.baseline)
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
+        check_name_is_theirs(args, display, which, conditions)
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
         check_date(self._baseline, wall_time().date())

@@ -142,8 +142,8 @@ def current_of_felt(calibration: Calibration, electrode: int, level: float) -> i
         why = "was not felt when it was calibrated (felt = false,"
         if limits.felt_from_ua is not None:
             why = (
-                f"is felt from {limits.felt_from_ua} uA on, above its cap of {limits.cap_ua} uA, to"
-                " which the whole array was taken down (felt = false,"
+                f"is felt from {limits.felt_from_ua} uA on, above its cap of {limits.cap_ua} uA,"
+                " which was taken down where something was too strong (felt = false,"
             )
         raise Refused(
             "level_needs_calibration",
@@ -180,11 +180,16 @@ def check_conditions_of_levels(
             "bad_frame",
             f"level means what it was calibrated to with {key} {' or '.join(map(str, made))}; the"
             " frame asks for"
-            f" another {key}: leave it out, calibrate for it, or send current_ua",
+            f" another {key}: leave it out, or calibrate for it{_or_current(others)}",
         )
     fastest_hz = max(_rates_hz(frame), default=0.0)
     if fastest_hz > calibration.rate_hz:
         raise _too_fast_for_levels(calibration.rate_hz, fastest_hz, most_hz)
+
+
+def _or_current(others: Sequence[Calibration]) -> str:
+    """Advice: with a calibration for each polarity, caps hold for these alone."""
+    return "" if others else ", or send current_ua"
 
 
 def _too_fast_for_levels(made_hz: float, asked_hz: float, most_hz: float) -> Refused:
