@@ -146,5 +146,5 @@ def test_what_was_not_felt_in_one_polarity_has_levels_in_the_other() -> None:
 
 
 def test_with_one_calibration_a_level_still_has_its_polarity_only() -> None:
-    with pytest.raises(Refused, match="with polarity anodic;.* or send current_ua"):
+    with pytest.raises(Refused, match=r"with polarity anodic;.* or send current_ua"):
         planner_of(made("anodic")).plan(frame(level=(0.5,) * N, polarity="cathodic"))
