@@ -15,15 +15,14 @@ from campaign import docs
 from campaign.account import AccountedBody, Course
 from campaign.case import Outcome
 from campaign.engine_script import ELECTRODES, PULSE_PC, WANTED_UA, EngineScript
-from campaign.forked import places_of, whole
+from campaign.forked import whole
 from campaign.judge import GUARDED, PAIR, Bound, bounds, lines_not_met, not_met
 from campaign.kinds import kinds_of
 from campaign.operations import Operations
-from campaign.places import Operation, chosen
 from campaign.record import Line, in_all, lines_of, merged, played, record, recorded
 from campaign.results import BENCH, figures, is_silent
 from campaign.scene import Over
-from campaign.scenes import BEGUN_AS, BOARDS, SCENES, config
+from campaign.scenes import BOARDS, SCENES, config
 from charge_witness import even_skin
 from engine_scenes import states
 from etd_body.interface import Side
@@ -123,49 +122,6 @@ def test_what_an_operation_is_told_happens_to_it() -> None:
     played.subject.fake.world.mend()
     operations.before = lambda *_: None
     played.close()
-
-
-def test_of_a_place_the_first_the_second_and_the_last_operation_are_chosen() -> None:
-    operations = [Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 4
-    at = chosen(operations, 3)
-    assert at.once == {0, 1, 8, 9, 10, 12}
-    assert at.staying == {1, 9, 12}
-    assert at.parts == {1}
-    assert chosen(operations, None).once == set(range(13))
-    assert chosen(operations, 3, is_long=True).once == {4, 11}
-
-
-def test_what_no_message_meets_is_put_in_once_in_each_part() -> None:
-    kinds = {kind.fault_class: kind for kind in kinds_of(config("reference-hv507").board)}
-    at = chosen([Operation("set", 1, 0)] * 9 + [Operation("spi", 2, 0)] * 2, 3)
-    aside, staying = kinds["a stop does not cut the supply"], kinds["a solder bridge"]
-    assert [n for n in range(11) if aside.applies(n, "spi", at)] == [1]
-    assert [n for n in range(9) if staying.applies(n, "spi", at)] == [1]
-
-
-def test_what_stays_is_put_in_at_one_end_of_a_place_by_lot() -> None:
-    kinds = [kind for kind in kinds_of(config("reference-hv507").board) if kind.stays]
-    at = chosen([Operation("spi", 1, 0)] * 5, 3)
-    points = [
-        [n for n in range(5) if kind.applies(n, "spi", at)] for kind in kinds if not kind.is_aside
-    ]
-    assert all(point in ([0], [4]) for point in points)
-    assert min(points.count([0]), points.count([4])) > len(points) / 4
-
-
-def test_a_place_that_another_scene_had_is_left_out() -> None:
-    operations = [Operation("set", 1, 0), Operation("set", 2, 0), Operation("spi", 1, 0)]
-    at = chosen(operations, 3, had={("set", 1)})
-    assert at.once == {1, 2}
-    assert at.parts == {1}
-
-
-@pytest.mark.parametrize("scene", BEGUN_AS)
-def test_a_scene_that_begins_as_another_has_places_of_its_own(scene: str) -> None:
-    had = places_of("kajimoto-hv507", BEGUN_AS[scene])
-    own = places_of("kajimoto-hv507", [scene])
-    assert had & own
-    assert own - had
 
 
 def test_every_board_has_kinds_of_its_guards() -> None:
