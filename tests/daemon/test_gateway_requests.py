@@ -308,7 +308,7 @@ def test_a_calibration_with_another_digest_than_was_meant_is_not_opened() -> Non
 
 
 def test_who_opens_looks_at_its_own_calibration_whatever_else_is_in_the_folder() -> None:
-    """To look at all of them would take as long as somebody has put files there."""
+    """To look at all files would take longer with each of them."""
     with GatewayRig() as rig:
         keep(rig, "p01")
         for number in range(1_000):

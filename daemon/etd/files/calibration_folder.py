@@ -118,8 +118,7 @@ class CalibrationFolder:
 
     def _check_room(self, file: str, new_bytes: int) -> None:
         """What is replaced makes room. Looks at all files, so it is the writer's alone: in the
-        gateway it would take as long as somebody has put files here. Raises: Refused
-        (`bad_calibration`).
+        gateway it would take longer with each file. Raises: Refused (`bad_calibration`).
         """
         others = [path for path in self.own.iterdir() if path.name != file]
         taken_bytes = sum(map(size_of, others))
