@@ -39,6 +39,8 @@ class NoisySkin:
     stops: int = 0
     #: Called with each presentation, before it arrives.
     meanwhile: Callable[[int, int], None] = lambda _, __: None
+    #: Called in each pause, and in each silence.
+    pausing: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
         spread = random.Random(self.seed)
@@ -60,15 +62,17 @@ class NoisySkin:
         self.wholes.append(dict(currents_ua))
         self._whole = dict(currents_ua)
         electrode = max(currents_ua, key=currents_ua.__getitem__)
-        return Delivered(electrode, currents_ua[electrode], None)
+        return Delivered(electrode, currents_ua[electrode], None, rate_hz=47.4)
 
     def silence(self, electrode: int) -> Delivered:
         self.silences += 1
+        self.pausing()
         self._last[electrode], self._whole = 0, {}
         return Delivered(electrode, 0, None)
 
     def pause(self, seconds: float) -> None:
         self.paused_s += seconds
+        self.pausing()
 
     def keep(self) -> None:
         self.kept += 1

@@ -138,5 +138,26 @@ def test_what_that_return_can_stand_is_shown_for_ever(make_rig: MakeRig) -> None
     ]
     assert told.electrode == 3
     assert renewed(rig, 4.0, **THREE, rate_hz=told.lasting_hz) is None
-    assert 0.4 * BOUND_UC < left.most_uc <= BOUND_UC
+    assert 0.3 * BOUND_UC < left.most_uc <= BOUND_UC
     assert shortfalls(rig) == []
+
+
+def polls(rig: EngineRig, **fields: object) -> int:
+    """Of three seconds of a frame, when it has stood for one."""
+    assert renewed(rig, 1.0, **fields) is None
+    before = rig.engine.components.reporter.counters["contact_polls"]
+    assert renewed(rig, 3.0, **fields) is None
+    return rig.engine.components.reporter.counters["contact_polls"] - before
+
+
+def test_silent_returns_are_polled_as_often_as_direct_current_comes_back_through_them(
+    make_rig: MakeRig,
+) -> None:
+    """80 uA at ten: each of six silent ones may be near the ceiling after some 0.1 s, and is
+    polled then, not twice a second.
+    """
+    rig, _ = rig_and_left(make_rig)
+    ten = only(N, **{f"e{electrode}": 1_000 for electrode in range(10)})
+    frame = {"current_ua": ten, "width_us": 100, "rate_hz": 80.0}
+    assert 6 * 3 / 0.2 < polls(rig, **frame) < 6 * 3 / 0.06
+    assert polls(rig, **frame, polarity="biphasic") <= 6 * 3 / 0.5

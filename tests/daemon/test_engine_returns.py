@@ -230,7 +230,7 @@ def test_a_sweep_over_all_electrodes_breaks_no_cap(
 def test_a_return_that_comes_to_conduct_better_is_found_within_a_second(make_rig: MakeRig) -> None:
     caps_ua = [100 if electrode == 3 else 4_000 for electrode in range(N)]
     rig = calibrated(make_rig(electrodes=N), [EVEN] * N, caps_ua)
-    frame = {"current_ua": only(N, e5=3_000), "rate_hz": 50.0}
+    frame = {"current_ua": only(N, e5=3_000), "rate_hz": 30.0}
     rig.hold(1_000, **frame)
     rig.fake.world.touch(3, WET)
     rig.hold(1_000, **frame)

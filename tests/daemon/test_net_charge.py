@@ -91,11 +91,15 @@ def test_of_two_ways_to_share_the_one_that_leaves_more_is_told(
     for at_ns, electrode, net_pc, returns in booked:
         before = held[-1] if held else [1.0] * N
         here = data.draw(conductances | st.just(before))
-        net.set_conductances(here)
+        # They are read, and conduct otherwise only then.
+        for other in range(N):
+            net.read(other)
+        net.set_conductances(before, before)
+        net.set_conductances(here, here)
         held.append(here)
         net.add(electrode, net_pc, returns, NOW_NS + at_ns)
     now_ns = booked[-1][0] + 100_000_000 if booked else 0
-    even, measured = net.states(NOW_NS + now_ns)
+    even, measured, _ = net.states(NOW_NS + now_ns)
     wanted = [by_hand_pc(booked, electrode, now_ns) for electrode in range(N)]
     by_conductance = [by_hand_pc(booked, electrode, now_ns, held) for electrode in range(N)]
     assert list(even.left_pc) == pytest.approx(wanted, abs=1.0)
@@ -112,7 +116,7 @@ def test_what_fits_keeps_the_bound_however_returns_share_between_the_two_ways(
     asked: list[Visit], conducts_s: list[float]
 ) -> None:
     net, booked = NetCharge(N, BOUND_PC), list[Visit]()
-    net.set_conductances(conducts_s)
+    net.set_conductances(conducts_s, conducts_s)
     for at_ns, electrode, net_pc, returns in asked:
         if net.fits(electrode, net_pc, returns, NOW_NS + at_ns):
             net.add(electrode, net_pc, returns, NOW_NS + at_ns)
@@ -136,6 +140,20 @@ def test_the_direct_current_of_all_is_more_than_one_return_may_carry() -> None:
     net.add(N - 1, BOUND_PC // 4, None, NOW_NS)
     assert net.exceeds_one_return(NOW_NS)
     assert not net.exceeds_one_return(NOW_NS + LEAK_NS)
+
+
+def test_a_return_counts_for_the_most_that_it_may_conduct_beside_what_others_do() -> None:
+    net, middle_s = NetCharge(N, BOUND_PC), [1e-5] * N
+    net.set_conductances(middle_s, [3e-5, *middle_s[1:]])
+    net.add(1, 100_000, None, NOW_NS)
+    net.add(0, 40_000, (2,), NOW_NS)
+    assert net.of(0, NOW_NS) == pytest.approx(-75_000 + 40_000)
+    assert net.of(3, NOW_NS) == pytest.approx(-25_000)
+    assert net.states(NOW_NS)[2].beside_s == middle_s
+    # Three quarters of the bound come back there; twice is too much.
+    assert net.fits(3, BOUND_PC, None, NOW_NS)
+    net.add(3, BOUND_PC, None, NOW_NS)
+    assert not net.fits(4, BOUND_PC, None, NOW_NS)
 
 
 @settings(max_examples=200)
@@ -203,7 +221,7 @@ def test_before_the_first_pulse_there_is_nothing_whatever_returns_conduct() -> N
     net = NetCharge(N, BOUND_PC)
     for conducts_s in ([1e-5] * N, [2e-5] * N):
         assert net.all(0) == [0.0] * N
-        net.set_conductances(conducts_s)
+        net.set_conductances(conducts_s, conducts_s)
     assert net.all(0) == [0.0] * N
 
 
@@ -248,13 +266,13 @@ def test_a_pulse_that_leaves_nothing_does_not_fit_where_either_account_is_above_
     conducts_s: list[float], rounds: int
 ) -> None:
     net = NetCharge(N, BOUND_PC)
-    net.set_conductances(conducts_s)
+    net.set_conductances(conducts_s, conducts_s)
     for _ in range(rounds):
         for electrode in range(1, N):
             net.add(electrode, 0.4 * BOUND_PC, None, NOW_NS)
         # What room there is is counted anew, as long as a pulse fits by even parts.
         net.fits(1, 1, None, NOW_NS)
-    above = [max(map(abs, state.left_pc)) > BOUND_PC for state in net.states(NOW_NS)]
+    above = [max(map(abs, state.left_pc)) > BOUND_PC for state in net.states(NOW_NS)[:2]]
     assert sum(above) == 1
     assert not net.fits(1, 0, None, NOW_NS)
 
@@ -272,7 +290,7 @@ def test_a_pulse_fits_where_it_fits_by_both_ways_to_share(
     conducts_s: list[float], pulse_pc: int
 ) -> None:
     net = NetCharge(N, BOUND_PC)
-    net.set_conductances(conducts_s)
+    net.set_conductances(conducts_s, conducts_s)
     for electrode in range(1, N):
         net.add(electrode, pulse_pc, None, NOW_NS)
     worst_pc = [max(map(abs, state.left_pc)) for state in net.states(NOW_NS)]
@@ -305,7 +323,7 @@ def test_pulses_all_around_fit_until_what_they_share_is_at_its_bound_and_not_aft
 ) -> None:
     net, now_ns, booked = NetCharge(N, BOUND_PC), NOW_NS + after_ns, list[Visit]()
     net.add(4, 0.001, None, NOW_NS)
-    net.set_conductances(conducts)
+    net.set_conductances(conducts, conducts)
     electrode = 1
     while net.fits(electrode, pulse_pc, returns, now_ns):
         net.add(electrode, pulse_pc, returns, now_ns)
@@ -318,6 +336,14 @@ def test_pulses_all_around_fit_until_what_they_share_is_at_its_bound_and_not_aft
     assert max(map(abs, at_bound)) <= BOUND_PC + 1 < max(map(abs, past)) + 2
     # Those that named it have filled it for those that do not.
     assert not net.fits(electrode, 5 * pulse_pc, None, now_ns)
+
+
+def test_one_that_named_returns_have_filled_is_no_return_that_has_room() -> None:
+    net = NetCharge(N, BOUND_PC)
+    for electrode in range(1, N):
+        net.add(electrode, BOUND_PC // 4, (0,), NOW_NS)
+    assert not net.fits(1, 100_000, None, NOW_NS)
+    assert net.fits(1, -100_000, None, NOW_NS)
 
 
 def test_one_that_its_own_pulses_have_filled_is_no_return_that_has_room() -> None:

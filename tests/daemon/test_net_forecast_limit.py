@@ -144,6 +144,22 @@ def test_how_long_a_frame_is_shown_as_it_says_itself(
     assert limit.shown_s == pytest.approx(shown_s, rel=1e-9)
 
 
+def test_a_return_that_may_conduct_more_beside_the_others_reaches_the_bound_first() -> None:
+    """Of 18 uA at two others it gets three sevenths, or the whole."""
+    made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    silent = next(at for at, wanted_ua in enumerate(TWO) if not wanted_ua)
+    most_s = [(N - 1.0) if at == silent else 1.0 for at in range(N)]
+    beside = forecast(2.0).limit(
+        made, schedule, 1.0, [NetState(most_s, [0.0] * N, beside_s=[1.0] * N)]
+    )
+    alone = forecast(2.0).limit(made, schedule, 1.0, [NetState(most_s, [0.0] * N)])
+    assert beside is not None
+    assert alone is not None
+    assert beside.electrode == silent
+    assert beside.after_s < 0.8 * alone.after_s
+
+
 def test_nothing_is_left_where_no_account_says_what_is() -> None:
     made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
     schedule = planner().plan(made).schedule

@@ -260,10 +260,11 @@ def test_one_that_nothing_bounds_may_carry_all_however_long_ago_it_was_read() ->
 
 def test_a_known_one_conducts_what_lies_between_its_bounds_and_an_open_one_nothing() -> None:
     sharing = seen(*[EVEN] * 7, load(25e3), None)
-    conducts_s = sharing.conductances(START_NS)
+    conducts_s, most_s = sharing.conductances(START_NS)
+    assert most_s == [*sharing.most_s[:8], 0.0]
     assert conducts_s == pytest.approx([1 / 50e3] * 7 + [1 / 25e3, 0.0], rel=0.12)
-    for least_s, found_s, most_s in zip(sharing.least_s, conducts_s, sharing.most_s, strict=True):
-        assert least_s <= found_s <= most_s
+    for least_s, found_s, up_to_s in zip(sharing.least_s, conducts_s, sharing.most_s, strict=True):
+        assert least_s <= found_s <= up_to_s
     assert conducts_s[0] ** 2 == pytest.approx(sharing.least_s[0] * sharing.most_s[0], rel=1e-9)
 
 
@@ -276,7 +277,8 @@ def test_an_unknown_one_conducts_as_well_as_the_best_and_an_unbounded_one_no_bet
     sharing.refresh(START_NS)
     assert sharing.most_s[2] == math.inf
     best_s = max(one_s for one_s in sharing.most_s if one_s < math.inf)
-    conducts_s = sharing.conductances(START_NS)
+    conducts_s, up_to_s = sharing.conductances(START_NS)
+    assert up_to_s == [*sharing.most_s[:2], best_s, min(best_s, sharing.most_s[3]), best_s]
     assert conducts_s[2] == pytest.approx(math.sqrt(sharing.least_s[2] * best_s), rel=1e-9)
     # The source was at its end there, and the fifth was never read.
     assert sharing.least_s[3] == 0.0
@@ -286,11 +288,11 @@ def test_an_unknown_one_conducts_as_well_as_the_best_and_an_unbounded_one_no_bet
 def test_where_nothing_is_bounded_all_conduct_alike() -> None:
     sharing = ReturnShare(3, METER)
     sharing.refresh(START_NS)
-    assert sharing.conductances(START_NS) == [1.0] * 3
+    assert sharing.conductances(START_NS) == ([1.0] * 3, [1.0] * 3)
     for electrode in (0, 1):
         sharing.update(electrode, True, START_NS, exact(75e3))
     sharing.refresh(START_NS + REFRESH_NS)
-    assert sharing.conductances(START_NS + REFRESH_NS) == [1.0] * 3
+    assert sharing.conductances(START_NS + REFRESH_NS) == ([1.0] * 3, [1.0] * 3)
     assert sharing.weights(START_NS + REFRESH_NS) == [1.0] * 3
     assert sharing.share(2) == 1.0
 

@@ -47,9 +47,16 @@ def test_nothing_is_found_anew_where_nothing_was_read() -> None:
 
 def test_a_reading_counts_a_quarter_of_a_second_after_the_last_time() -> None:
     sharing = known(8)
-    sharing.update(0, True, START_NS + 1, exact(PATH_OHM * 0.9))
+    sharing.update(0, True, START_NS + 1, exact(PATH_OHM))
     assert not sharing.refresh(START_NS + REFRESH_NS - 1)
     assert sharing.refresh(START_NS + REFRESH_NS)
+
+
+def test_a_reading_of_a_contact_that_changed_counts_two_milliseconds_later() -> None:
+    sharing, now_ns = known(8), START_NS + 1
+    sharing.update(0, True, now_ns, exact(PATH_OHM * 0.9))
+    assert not sharing.refresh(now_ns + SOON_NS - 1)
+    assert sharing.refresh(now_ns + SOON_NS)
 
 
 def test_one_that_becomes_known_is_found_two_milliseconds_later() -> None:

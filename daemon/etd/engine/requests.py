@@ -87,21 +87,26 @@ class Requests:
     ) -> tuple[list[ScheduledPulse], int]:
         """The contact polls of silent electrodes that are due at the end of a scan, and how many of
         them must be made even when time is short: where pulses depend on what is known of their
-        returns, as many as keep every silent electrode known, or one where the switch has no time
-        to spare. An electrode that the frame stimulates gets that frame's pulses, and no poll.
+        returns, as many as keep every silent electrode known, and all that may have their bound of
+        net charge by what came back since they were read; or one where the switch has no time to
+        spare. An electrode that the frame stimulates gets that frame's pulses, and no poll.
         """
         share, contact = self._returns.share, self._contact
         stimulated = () if schedule.is_waiting else schedule.plan.schedule
         active = {scheduled.electrode for scheduled in stimulated}
         silent = [scheduled for scheduled in probes if scheduled.electrode not in active]
+        self._returns.scan_over(now_ns)
         if share.is_wanted:
             awaited = [
-                scheduled for scheduled in silent if share.is_due(scheduled.electrode, now_ns)
+                scheduled
+                for scheduled in silent
+                if self._returns.is_poll_due(scheduled.electrode, now_ns)
             ]
             if awaited:
                 awaited.sort(key=lambda scheduled: share.looked_ns(scheduled.electrode))
                 owed = math.ceil(len(silent) * schedule.plan.period_ns / _ALL_WITHIN_NS)
-                return awaited, max(1, owed) if self._is_quick else 1
+                full = sum(self._returns.must_be_polled(it.electrode, now_ns) for it in awaited)
+                return awaited, max(1, owed, full) if self._is_quick else 1
         if not self._adapter.needs_contact or not self._is_quick:
             return [], 0
         return [

@@ -15,10 +15,15 @@ from etd.safety.bookings import Entry
 from etd.safety.conductance import PathMeter, PathSamples
 from etd.safety.ledger import Ledger
 from etd.safety.limits import Path
+from etd.safety.maxima import PC_PER_NC
 from etd.safety.return_caps import Known, ReturnCaps
 from etd.safety.return_share import ReturnShare
+from etd_hal import ceilings
 from etd_hal.boardfile import Source
 from etd_hal.phase import Pulse, PulseResult
+
+#: What no contact that changes is to bring an electrode, whatever its site allows.
+_MOST_NET_PC = ceilings.NET_CHARGE_NC * PC_PER_NC
 
 
 class Returns:
@@ -88,6 +93,29 @@ class Returns:
         ):
             self.share.want()
 
+    def is_poll_due(self, electrode: int, now_ns: int) -> bool:
+        """Of a silent electrode, where polls are wanted: no pulse has measured it for long, or much
+        direct current may have come back through it since.
+        """
+        return self._is_unread(electrode, now_ns) or self.share.is_due(electrode, now_ns)
+
+    def must_be_polled(self, electrode: int, now_ns: int) -> bool:
+        """Even when time is short: by what may have come back through it since it was read it would
+        be above the ceiling with one scan more.
+        """
+        net = self._ledger.net
+        return net.unread_pc(electrode, now_ns) + net.scan_pc > _MOST_NET_PC
+
+    def _is_unread(self, electrode: int, now_ns: int) -> bool:
+        """The same, beside what is counted."""
+        net = self._ledger.net
+        most_pc = abs(net.of(electrode, now_ns)) + net.unread_pc(electrode, now_ns)
+        return most_pc + net.scan_pc > _MOST_NET_PC
+
+    def scan_over(self, now_ns: int) -> None:
+        """All pulses of a frame's scan were fired."""
+        self._ledger.net.scan_over(now_ns)
+
     # --- after it --------------------------------------------------------------------------------
 
     def update(
@@ -103,9 +131,12 @@ class Returns:
         share, electrode, begun_ns = self.share, scheduled.electrode, result.begun_ns
         if scheduled.returns is None:
             reading = None
-            if begun_ns >= share.read_from_ns[electrode] and is_rested:
+            is_due = begun_ns >= share.read_from_ns[electrode]
+            if is_rested and (is_due or self._is_unread(electrode, begun_ns)):
                 reading = self._meter.read(_samples(pulse, result), share.reading(electrode))
             share.update(electrode, touches, begun_ns, reading)
+            if reading is not None or not touches:
+                self._ledger.net.read(electrode)
         elif not touches:
             share.lose(electrode)
 
@@ -115,7 +146,7 @@ class Returns:
         known = [self._known(electrode, now_ns) for electrode in self._electrodes]
         self._take(ReturnCaps(self._caps_ua, known))
         self._ledger.set_weights(self.share.weights(now_ns), now_ns)
-        self._ledger.net.set_conductances(self.share.conductances(now_ns))
+        self._ledger.net.set_conductances(*self.share.conductances(now_ns))
 
     def _take(self, caps: ReturnCaps) -> None:
         self._caps = caps

@@ -20,7 +20,7 @@ from etd.protocol.errors import Refused
 from etd.pulse.request import NO_GAIN, MaxGain, PulseBounds, PulseRequest
 from etd.safety.limits import PersonLimits
 from etd.safety.maxima import PC_PER_NC, Maxima
-from etd.stabilize.said import MOST
+from etd.stabilize.said_electrode import MOST
 
 
 @dataclass(frozen=True, slots=True)

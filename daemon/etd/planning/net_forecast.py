@@ -5,7 +5,7 @@ from what is left there already, and the refusal of a frame that asks for longer
 net charge is counted pulse by pulse (`safety/net_charge.py`), how contacts are measured, sockets,
 clocks.
 
-Both ways in which returns may share are looked at; the one by which the bound comes first counts.
+All ways in which returns may share are looked at; the one by which the bound comes first counts.
 
 With a leak of time constant tau, a current I that begins at a charge q0 leaves
 I tau + (q0 - I tau) exp(-t / tau); a single pulse may stand above that by its own charge.
@@ -106,7 +106,7 @@ class NetForecast:
     ) -> _First | None:
         """None: these pulses never reach the bound."""
         once_pc, left_pc = [0.0] * self._count, state.left_pc
-        currents = self._currents(schedule, visits, state.conducts_s, once_pc)
+        currents = self._currents(schedule, visits, state, once_pc)
         scan_s = 1.0 / (visits * max(scheduled.rate_hz for scheduled in schedule))
         found: _First | None = None
         for electrode, current in enumerate(currents):
@@ -124,13 +124,15 @@ class NetForecast:
         self,
         schedule: Sequence[ScheduledPulse],
         visits: float,
-        conducts_s: Sequence[float],
+        state: NetState,
         once_pc: list[float],
     ) -> list[float]:
         """Of each electrode, in pC a second: its own, less its part of what it carries back. Puts
         what one of its visits leaves into `once_pc`.
         """
-        found, pool, whole_s = [0.0] * self._count, 0.0, sum(conducts_s)
+        conducts_s = state.conducts_s
+        beside_s = conducts_s if state.beside_s is None else state.beside_s
+        found, pool, whole_s = [0.0] * self._count, 0.0, sum(beside_s)
         for scheduled in schedule:
             electrode, net_pc = scheduled.electrode, self._net_pc(scheduled)
             each = net_pc * scheduled.rate_hz * visits
@@ -138,7 +140,7 @@ class NetForecast:
             found[electrode] += each
             if scheduled.returns is None:
                 # All carry the pool back, and it its own part, which is put back here.
-                part = each / max(LEAST_S, whole_s - conducts_s[electrode])
+                part = each / max(LEAST_S, whole_s - beside_s[electrode])
                 found[electrode] += conducts_s[electrode] * part
                 pool += part
             else:

@@ -7,7 +7,7 @@ not know: how any of it came to be known, frames, clocks.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from typing import Final, Protocol
 
 import msgspec
 
@@ -18,6 +18,13 @@ from etd.safety.net_charge import NetState
 #: In how long a pulse of this electrode and current would be let through, if it is pulsed each
 #: period in ns from now on; None where it would not within a minute.
 RisenAfter = Callable[[int, int, int], int | None]
+
+
+class FeltUa(Protocol):
+    """What is left of a current at an electrode since the person said too strong."""
+
+    def __call__(self, electrode: int, current_ua: int, *, may_be_raised: bool) -> int | None: ...
+
 
 #: Of clamps that pass with time: what a refusal says of them.
 WHAT_TO_DO: Final[Mapping[ClampReason, str]] = {
@@ -35,14 +42,15 @@ class Outlook:
     """`path` sets what all others allow as returns of a path. `recontacts_ua`: by electrode, the
     ceilings of those that are touched again. `is_touched`: for all electrodes; None is unknown.
     `want_looks`: called where what is known of the returns takes something from a pulse.
-    `factors`: on each electrode's current, by what the person said; None: nothing was said.
+    `felt_ua`: by electrode, what is left of a current since the person said too strong (None: all
+    of it); None: nothing was said.
     `net`: the net charge on each electrode, for each way in which returns may share; empty:
     nothing is known yet.
     """
 
     __slots__ = (
         "ceiling_ua",
-        "factors",
+        "felt_ua",
         "is_touched",
         "net",
         "path",
@@ -59,7 +67,7 @@ class Outlook:
         is_touched: Sequence[bool | None],
         risen_after_ns: RisenAfter = lambda *_: None,
         want_looks: Callable[[], None] = lambda: None,
-        factors: Sequence[float] | None = None,
+        felt_ua: FeltUa | None = None,
         net: Sequence[NetState] = (),
     ) -> None:
         self.path: Final = path
@@ -68,13 +76,8 @@ class Outlook:
         self.is_touched: Final = is_touched
         self.risen_after_ns: Final = risen_after_ns
         self.want_looks: Final = want_looks
-        self.factors: Final = factors
+        self.felt_ua: Final = felt_ua
         self.net: Final = net
-
-    def felt_ua(self, electrode: int, current_ua: int) -> int | None:
-        """What is left of a current since the person said too strong; None: all of it."""
-        factor = 1.0 if self.factors is None else self.factors[electrode]
-        return None if factor >= 1.0 else int(current_ua * factor)
 
     def with_time(self, clamp: Clamp, rate_hz: float) -> Clamp:
         """The clamp with when it would end, where it ends by pulses that are fired."""

@@ -400,14 +400,14 @@ class Planner:
                 or current_ua > ceiling_ua
                 or electrode in recontacts_ua
                 or is_open
-                or outlook.factors is not None
+                or outlook.felt_ua is not None
             ):
                 clamp = self._clamp(scheduled, path, outlook)
                 if clamp is not None:
                     found.append(clamp)
                     if clamp.reason == "return_cap":
                         outlook.want_looks()
-                elif self._is_plain and outlook.factors is None:
+                elif self._is_plain and outlook.felt_ua is None:
                     planned.free_with, planned.free_ua = path, current_ua
             if not number % _A_STEP:
                 yield
@@ -415,7 +415,8 @@ class Planner:
 
     def _clamp(self, scheduled: ScheduledPulse, path: Path, outlook: Outlook) -> Clamp | None:
         maxima, shape = self._rules.maxima, self._rules.site.stabilize.shape
-        request = scheduled.bounds.in_slot(shape.of(scheduled.request))
+        request, felt_ua = scheduled.bounds.in_slot(shape.of(scheduled.request)), outlook.felt_ua
+        may_be_raised = scheduled.bounds.may_be_raised
         return clamp_to_limits(
             path,
             request,
@@ -425,7 +426,9 @@ class Planner:
             outlook.is_touched[scheduled.electrode] is False,
             scheduled.bounds,
             scheduled.probe_pc,
-            outlook.felt_ua(scheduled.electrode, request.current_ua),
+            None
+            if felt_ua is None
+            else felt_ua(scheduled.electrode, request.current_ua, may_be_raised=may_be_raised),
         )[1]
 
 

@@ -10,15 +10,16 @@ pulses, and carries back a part of those of others. No connection after a pulse 
 passed the skin stays passed. See docs/decisions/0077.
 
 How returns share is known within bounds only: while the capacitance of the skin charges, each
-carries about as much as any other; after that, by conductance. So there are two accounts, one with
-even parts and one with those of the measured conductances, and each keeps the bound. What lies
-between the two ways to share leaves a charge between the two accounts.
+carries about as much as any other; after that, by conductance. So there are three accounts: with
+even parts, with those of the measured conductances, and with the most that each return may conduct
+beside the others as measured. Each keeps the bound; what lies between ways to share leaves a charge
+between their accounts.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Final, NamedTuple
 
 #: Of the leak: by design, of the order in which ions spread away from under an electrode.
@@ -30,10 +31,13 @@ LEAST_S = 1e-12
 
 
 class NetState(NamedTuple):
-    """One account as it is now: by what parts returns share, and the charge of each electrode."""
+    """One account as it is now: by what parts returns share, the charge of each electrode, and what
+    the others of a return conduct beside it; None: as they do for themselves.
+    """
 
     conducts_s: Sequence[float]
     left_pc: Sequence[float]
+    beside_s: Sequence[float] | None = None
 
 
 class _Account:
@@ -46,6 +50,7 @@ class _Account:
     def __init__(self, electrodes: int, bound_pc: int) -> None:
         self._bound_pc: Final = bound_pc
         self.conducts_s: Sequence[float] = [1.0] * electrodes
+        self._beside_s: Sequence[float] = self.conducts_s
         self._whole_s = float(electrodes)
         self._best_s = 1.0
         #: By electrode: its own pulses, and what it carried back of those that name it, and of all
@@ -55,20 +60,50 @@ class _Account:
         #: of these together.
         self._through = [0.0] * electrodes
         self._pool = 0.0
+        #: By electrode: what the others' pulses had brought since it was read last, while other
+        #: conductances held.
+        self._unread_pc = [0.0] * electrodes
         #: Never above what is left to the electrode that is nearest to its bound.
         self._room_pc = float(bound_pc)
 
-    def weigh(self, conducts_s: Sequence[float]) -> None:
-        """From now on returns share by these."""
-        self._own_pc = [self.worth_pc(electrode) for electrode in range(len(self._own_pc))]
+    def weigh(
+        self, conducts_s: Sequence[float], beside_s: Sequence[float], read: Container[int] = ()
+    ) -> None:
+        """From now on returns share by these, each beside what the others of `beside_s` conduct.
+        Those that were `read` may have conducted so ever since they were read before, and what they
+        would have more by that counts, once.
+        """
+        everyone, whole_s = range(len(self._own_pc)), sum(beside_s)
+        own_pc, unread_pc = list[float](), list[float]()
+        for electrode in everyone:
+            worth_pc, back_pc = self.worth_pc(electrode), self._back_pc(electrode)
+            if electrode in read:
+                before = _part(electrode, self.conducts_s, self._beside_s, self._whole_s)
+                more = _part(electrode, conducts_s, beside_s, whole_s) - before
+                worth_pc, back_pc = _larger(worth_pc, worth_pc - more * back_pc), 0.0
+            own_pc.append(worth_pc)
+            unread_pc.append(back_pc)
+        self._own_pc, self._unread_pc = own_pc, unread_pc
         self._through, self._pool = [0.0] * len(self._own_pc), 0.0
-        self.conducts_s = conducts_s
-        self._whole_s, self._best_s = sum(conducts_s), max(conducts_s)
+        self.conducts_s, self._beside_s = conducts_s, beside_s
+        self._whole_s, self._best_s = sum(beside_s), max(conducts_s)
+        # What is left may be less by now: it is counted again.
+        self._room_pc = -1.0
+
+    def _back_pc(self, electrode: int) -> float:
+        """What others' pulses brought since it was read last, of which each carries its part."""
+        carried = self._pool - self._through[electrode]
+        whole_s = self._others_s(electrode) + self.conducts_s[electrode]
+        return self._unread_pc[electrode] + carried * whole_s
 
     @property
     def has_room(self) -> bool:
         """Whether no electrode is above its bound; False, too, where that must be counted."""
         return self._room_pc >= 0.0
+
+    def state(self, growth: float) -> NetState:
+        left_pc = [self.worth_pc(electrode) / growth for electrode in range(len(self._own_pc))]
+        return NetState(self.conducts_s, left_pc, self._beside_s)
 
     def worth_pc(self, electrode: int) -> float:
         carried = self._pool - self._through[electrode]
@@ -114,10 +149,11 @@ class _Account:
     def scale(self, factor: float) -> None:
         self._own_pc = [pc * factor for pc in self._own_pc]
         self._through = [value * factor for value in self._through]
+        self._unread_pc = [pc * factor for pc in self._unread_pc]
         self._pool *= factor
 
     def _others_s(self, electrode: int) -> float:
-        return max(LEAST_S, self._whole_s - self.conducts_s[electrode])
+        return max(LEAST_S, self._whole_s - self._beside_s[electrode])
 
     def _stays(self, before_pc: float, more_pc: float) -> bool:
         """Within its bound, or nearer to it."""
@@ -130,34 +166,54 @@ class NetCharge:
         self.bound_pc: Final = bound_pc
         self._even: Final = _Account(electrodes, bound_pc)
         self._measured: Final = _Account(electrodes, bound_pc)
-        self._electrodes: Final = range(electrodes)
+        self._most: Final = _Account(electrodes, bound_pc)
+        self._accounts: Final = (self._even, self._measured, self._most)
         #: What the sums were worth at that time.
         self._at_ns = 0
-        #: Pulses through all others.
+        #: Pulses through all others; and, by electrode, these when it was read last.
         self._through_pc = 0.0
+        self._read_pc = [0.0] * electrodes
+        #: What the last scan brought through all others, and what there was at its end.
+        self.scan_pc = self._scanned_pc = 0.0
+        #: Read since the last conductances.
+        self._read: set[int] = set()
 
-    def set_conductances(self, conducts_s: Sequence[float]) -> None:
-        """By electrode, in S, as they were measured; from now on returns share by these."""
-        self._measured.weigh(conducts_s)
+    def set_conductances(self, conducts_s: Sequence[float], most_s: Sequence[float]) -> None:
+        """By electrode, in S, as they were measured, and the most that each may be; from now on
+        returns share by these.
+        """
+        self._measured.weigh(conducts_s, conducts_s, self._read)
+        self._most.weigh(most_s, conducts_s, self._read)
+        self._read.clear()
+
+    def read(self, electrode: int) -> None:
+        """A pulse has measured what this electrode conducts; `set_conductances` says it."""
+        self._read.add(electrode)
+        self._read_pc[electrode] = self._through_pc
+
+    def unread_pc(self, electrode: int, now_ns: int) -> float:
+        """What is left of all pulses through all others since it was read last: so much it may have
+        beside what is counted, if it conducts better by now than all others together.
+        """
+        return abs(self._through_pc - self._read_pc[electrode]) / self._growth(now_ns)
+
+    def scan_over(self, now_ns: int) -> None:
+        """All pulses of a frame's scan were fired."""
+        self.scan_pc = abs(self._through_pc - self._scanned_pc) / self._growth(now_ns)
+        self._scanned_pc = self._through_pc
 
     def of(self, electrode: int, now_ns: int) -> float:
-        """In the account in which it has more."""
+        """In the account in which it has most."""
         growth = self._growth(now_ns)
-        return _larger(
-            self._even.worth_pc(electrode) / growth, self._measured.worth_pc(electrode) / growth
-        )
+        return max((account.worth_pc(electrode) / growth for account in self._accounts), key=abs)
 
     def all(self, now_ns: int) -> list[float]:
-        return list(map(_larger, *(state.left_pc for state in self.states(now_ns))))
+        return [self.of(electrode, now_ns) for electrode in range(len(self._read_pc))]
 
-    def states(self, now_ns: int) -> tuple[NetState, NetState]:
-        """Of both accounts."""
+    def states(self, now_ns: int) -> tuple[NetState, ...]:
+        """Of all accounts."""
         growth = self._growth(now_ns)
-        even, measured = (
-            NetState(account.conducts_s, [account.worth_pc(it) / growth for it in self._electrodes])
-            for account in (self._even, self._measured)
-        )
-        return even, measured
+        return tuple(account.state(growth) for account in self._accounts)
 
     def exceeds_one_return(self, now_ns: int) -> bool:
         """Whether a single return that carries all of it would have more than its bound."""
@@ -170,12 +226,10 @@ class NetCharge:
         What leaves nothing does not fit where one is above it: so much came from phases that took
         longer than their plan.
         """
-        if not net_pc and self._even.has_room and self._measured.has_room:
+        if not net_pc and all(account.has_room for account in self._accounts):
             return True
         growth = self._growth(now_ns)
-        return self._even.fits(electrode, net_pc, returns, growth) and self._measured.fits(
-            electrode, net_pc, returns, growth
-        )
+        return all(account.fits(electrode, net_pc, returns, growth) for account in self._accounts)
 
     def add(
         self, electrode: int, net_pc: float, returns: tuple[int, ...] | None, now_ns: int
@@ -184,8 +238,8 @@ class NetCharge:
         if not net_pc:
             return
         growth = self._growth(now_ns)
-        self._even.add(electrode, net_pc, returns, growth)
-        self._measured.add(electrode, net_pc, returns, growth)
+        for account in self._accounts:
+            account.add(electrode, net_pc, returns, growth)
         if returns is None:
             self._through_pc += net_pc * growth
 
@@ -201,9 +255,11 @@ class NetCharge:
         """The sums as they are worth now."""
         factor = math.exp((self._at_ns - now_ns) / LEAK_NS)
         self._at_ns = now_ns
-        self._even.scale(factor)
-        self._measured.scale(factor)
+        for account in self._accounts:
+            account.scale(factor)
         self._through_pc *= factor
+        self._scanned_pc *= factor
+        self._read_pc = [pc * factor for pc in self._read_pc]
 
 
 def parts_of(returns: tuple[int, ...], conducts_s: Sequence[float]) -> list[float]:
@@ -213,6 +269,14 @@ def parts_of(returns: tuple[int, ...], conducts_s: Sequence[float]) -> list[floa
     if whole_s <= LEAST_S:
         return [1.0 / len(returns)] * len(returns)
     return [own_s / whole_s for own_s in named_s]
+
+
+def _part(
+    electrode: int, conducts_s: Sequence[float], beside_s: Sequence[float], whole_s: float
+) -> float:
+    """Of what all carry; whatever the unit is, which may be another one later."""
+    own_s = conducts_s[electrode]
+    return own_s / max(LEAST_S, whole_s - beside_s[electrode] + own_s)
 
 
 def _larger(one_pc: float, other_pc: float) -> float:

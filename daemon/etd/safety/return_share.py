@@ -82,6 +82,7 @@ class ReturnShare:
             before = self._readings[electrode]
             if before is not None and before.differs(reading):
                 self._drop_bounds()
+                self._refresh_soon(now_ns)
             self._readings[electrode], self._read_ns[electrode] = reading, now_ns
             self.read_from_ns[electrode] = now_ns + REFRESH_NS
             self._is_changed = True
@@ -227,20 +228,24 @@ class ReturnShare:
             found.append(weight if self.is_known(electrode, now_ns) else max(1.0, weight))
         return found
 
-    def conductances(self, now_ns: int) -> list[float]:
-        """By electrode, in S, nearer to what is than `weights`, which bound it: between the least
-        and the most, 0 where nothing touches. An unknown one conducts as well as the best that was
-        measured; where none was, all are alike.
+    def conductances(self, now_ns: int) -> tuple[list[float], list[float]]:
+        """By electrode, in S: nearer to what is than `weights`, which bound it, between the least
+        and the most; and the most, as far as one is known. 0 where nothing touches. An unknown one
+        conducts as well as the best that was measured; where none was, all are alike.
         """
-        best_s, found = self._best_s, []
+        best_s, middle, most = self._best_s, list[float](), list[float]()
         for electrode, (least_s, most_s) in enumerate(zip(self.least_s, self.most_s, strict=True)):
             if electrode in self._known:
                 # Of a bound that is none, nothing is known.
                 most_s = min(most_s, best_s)
-                found.append(math.sqrt(least_s * most_s) if least_s > 0.0 else most_s)
+                middle.append(math.sqrt(least_s * most_s) if least_s > 0.0 else most_s)
             else:
-                found.append(0.0 if self._is_open(electrode, now_ns) else best_s)
-        return found if any(found) else [1.0] * self._electrodes
+                most_s = 0.0 if self._is_open(electrode, now_ns) else best_s
+                middle.append(most_s)
+            most.append(most_s)
+        if not any(middle):
+            middle, most = [1.0] * self._electrodes, [1.0] * self._electrodes
+        return middle, most
 
     # --- contact polls ---------------------------------------------------------------------------
 
