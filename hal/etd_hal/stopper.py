@@ -9,7 +9,8 @@ judges the age of the last one.
 
 The driving side in turn stores the time of each of its polls. While the supply may be on, it must
 do so within the heartbeat's window. Only time in which the stopper itself had the processor counts:
-a machine that stood still as a whole was not a silent engine, and what was shown on it has expired.
+a machine that stood still as a whole was not a silent engine. What was shown on it expires by the
+clock, which stands still too while a machine is suspended.
 """
 
 from __future__ import annotations

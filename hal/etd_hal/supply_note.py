@@ -4,8 +4,8 @@ Owns: the file, that it is on the disk before it counts, and what one that was l
 know: who keeps it, and when.
 
 The file is written before the supply goes on, and removed when the board has been made safe. One
-that is there when an engine starts was left by a process that was killed, or by a machine that lost
-its power.
+that is there when an engine starts was left by a process that was killed, or ended by a defect of
+its own, or by a machine that lost its power.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from pathlib import Path
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _MOST_BYTES = 4_096
+#: What an engine that could still write said of its end.
+_BY_DEFECT = "defect"
 
 
 class SupplyNote:
@@ -28,7 +30,14 @@ class SupplyNote:
 
     def keep(self) -> None:
         """It is there, or as it was before, whenever the power goes. Raises: OSError."""
-        os.replace(self._written(), self.path)
+        self._put({"boot": _boot()})
+
+    def keep_as_defect(self) -> None:
+        """As `keep`, by an engine that ends by a defect and can still say so. Raises: OSError."""
+        self._put({"boot": _boot(), "ended": _BY_DEFECT})
+
+    def _put(self, said: dict[str, str]) -> None:
+        os.replace(self._written(said), self.path)
         self._sync_folder()
 
     def try_to_keep(self) -> None:
@@ -36,12 +45,12 @@ class SupplyNote:
 
         Raises: OSError.
         """
-        os.unlink(self._written())
+        os.unlink(self._written({}))
 
-    def _written(self) -> Path:
+    def _written(self, said: dict[str, str]) -> Path:
         """Beside the note, and on the disk. Raises: OSError."""
         new = self.path.with_name(f".{self.path.name}.new")
-        left = json.dumps({"boot": _boot()}).encode() + b"\n"
+        left = json.dumps(said).encode() + b"\n"
         # Without O_NONBLOCK a pipe in its place would be waited for without an end.
         fd = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
         try:
@@ -76,10 +85,9 @@ class SupplyNote:
             if not os.path.lexists(self.path):
                 return None
             return f"a note was left that cannot be read ({error.strerror})"
-        try:
-            boot = json.loads(content)["boot"]
-        except (ValueError, TypeError, KeyError):
-            boot = ""
+        boot, ended = _said(content)
+        if ended == _BY_DEFECT:
+            return "the last engine was ended by a defect of its own with the supply on"
         if boot and boot == _boot():
             return "the last engine was killed with the supply on, or could not make the board safe"
         return "the machine lost its power, or was reset, with the supply on"
@@ -99,6 +107,15 @@ def _read(path: Path) -> bytes:
         return os.read(fd, _MOST_BYTES)
     finally:
         os.close(fd)
+
+
+def _said(content: bytes) -> tuple[object, object]:
+    """The boot, and how the engine ended; "" for what it does not say."""
+    try:
+        found = json.loads(content)
+        return found["boot"], found.get("ended", "")
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return "", ""
 
 
 def _boot() -> str:

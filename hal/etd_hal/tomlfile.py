@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from etd_hal import schema_hints, toml_bounds
+from etd_hal.bounded_file import read_bounded
 from etd_hal.daemon_python import too_old
 from etd_hal.errors import FileError
 
@@ -83,7 +84,7 @@ def _read(path: Path, data: bytes | None) -> dict[str, Any]:
     if sys.version_info >= (3, 11):
         import tomllib  # novm
 
-        text = (_bytes_of(path) if data is None else data).decode("utf-8")
+        text = (read_bounded(path, MOST_BYTES) if data is None else data).decode("utf-8")
         if (why := toml_bounds.why_not(text)) is not None:
             raise FileError(str(path), "", why, "see docs/files.md")
         try:
@@ -122,23 +123,6 @@ def _too_long(path: Path) -> FileError:
 
 def _too_deep(path: Path) -> FileError:
     return FileError(str(path), "", "it is nested too deep", "see docs/files.md")
-
-
-def _bytes_of(path: Path) -> bytes:
-    """Reads no more than a file may have: a device or a pipe may have no end.
-
-    Raises: FileError, OSError.
-    """
-    with path.open("rb") as file:
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise FileError(
-            str(path),
-            "",
-            f"it has more than {MOST_BYTES} bytes",
-            "no file of this kind has so many",
-        )
-    return data
 
 
 def convert(data: object, kind: type[T], file: str) -> T:

@@ -212,6 +212,51 @@ def test_after_a_crash_arming_is_refused_until_it_is_cleared(kept: Kept) -> None
     assert rig.state == "ARMED"
 
 
+def ended_by_defect(rig: EngineRig) -> None:
+    """As the engine's process does with what a step raises, in its order."""
+    supervisor = rig.engine.supervisor
+    supervisor.supply.remember_defect(is_powered=supervisor.is_powered)
+    assert supervisor.end() == ()
+    assert supervisor.end() == (), "the caller repeats it"
+    rig.stopper.end()
+    supervisor.supply.note_defect()
+
+
+def test_a_defect_while_armed_makes_the_board_safe_and_is_remembered(kept: Kept) -> None:
+    rig = armed(kept.rig(REFERENCE))
+    ended_by_defect(rig)
+    assert not rig.engine.components.board.is_supply_on
+    assert moves(rig, "HV")[-1][1] == 0
+    rig = kept.rig(REFERENCE)
+    assert rig.state == "HALTED"
+    assert "the last engine was ended by a defect of its own with the supply on" in kept.told[0]
+    assert rig.ask(ArmBoard).error == "halted"
+    assert rig.ask(ClearHalt).error is None
+    assert not kept.is_there
+    rig.open()
+    rig.arm()
+    assert rig.state == "ARMED"
+
+
+def test_a_defect_once_the_supply_has_just_gone_off_is_remembered_too(kept: Kept) -> None:
+    """It comes in what is still to be done then: by its state the board is armed."""
+    rig = armed(kept.rig())
+    assert rig.engine.supervisor.supply.off() == ()
+    assert not kept.is_there
+    ended_by_defect(rig)
+    assert kept.rig().state == "HALTED"
+    assert "ended by a defect of its own" in kept.told[0]
+
+
+def test_a_defect_without_supply_is_no_crash_to_the_next_engine(kept: Kept) -> None:
+    ended_by_defect(kept.rig())
+    rig = armed(kept.rig())
+    assert rig.ask(DisarmBoard, lease=LEASE).error is None
+    ended_by_defect(rig)
+    assert not kept.is_there
+    assert kept.rig().state == "SAFE"
+
+
 def test_a_loss_of_power_is_remembered_too(kept: Kept) -> None:
     kept.path.write_text('{"boot": "another"}')
     rig = kept.rig()

@@ -178,6 +178,23 @@ def test_a_halt_that_was_cleared_wakes_the_stopper_for_its_note(make_rig: MakeRi
     assert watched == [(False, before), (False, before + 2)], "made safe once more, then cleared"
 
 
+@pytest.mark.parametrize("is_powered", [True, False])
+def test_a_defect_on_a_board_that_could_not_be_made_safe_leaves_the_note(
+    make_rig: MakeRig, is_powered: bool
+) -> None:
+    """Halted, its supply may be on all the same."""
+    rig, lines = shown(make_rig, "reference-hv507")
+    lines.fails = 1_000
+    rig.ask(StopNow, client="operator")
+    words = rig.engine.components.board.cut.words
+    told = words[POWER]
+    assert told & 1
+    lines.fails = 0
+    rig.engine.supervisor.supply.remember_defect(is_powered=is_powered)
+    assert rig.engine.supervisor.end() == ()
+    assert words[POWER] == told
+
+
 def test_without_a_stopper_nobody_is_woken(make_rig: MakeRig) -> None:
     parts = make_rig("kajimoto-hv507").engine.components
     alone = Supply(parts.board, parts.stopper_liveness, parts.clock)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,15 @@ import pytest
 
 from etd.files.configuration import fake_config
 from etd.protocol.errors import FileError
-from etd.selftest.report import Check, Report, arming_refusal, load, save, to_json
+from etd.selftest.report import (
+    MOST_BYTES,
+    Check,
+    Report,
+    arming_refusal,
+    load,
+    save,
+    to_json,
+)
 from etd.selftest.subject import Subject, subject_of
 from selftest_rig import ARRAY, selftest_rig
 
@@ -180,3 +189,24 @@ def test_a_report_that_cannot_be_read_forbids_arming(tmp_path: Path, backend: An
     reason = arming_refusal(tmp_path / "r.json", now(backend))
     assert reason is not None
     assert "not a self-test report" in reason
+
+
+def test_a_pipe_in_its_place_forbids_arming_without_being_waited_for(tmp_path: Path) -> None:
+    """The engine's own thread reads it."""
+    path = tmp_path / "r.json"
+    os.mkfifo(path)
+    reason = arming_refusal(path, now("fake"))
+    assert reason is not None
+    assert "it is a pipe, a device or a socket; remove it, and run etd selftest" in reason
+
+
+def test_of_a_file_that_is_no_report_no_more_is_read_than_a_report_may_have(
+    passed: Report, tmp_path: Path
+) -> None:
+    path = tmp_path / "r.json"
+    whole = to_json(of_hardware(passed))
+    assert len(whole) * 8 < MOST_BYTES
+    path.write_bytes(whole.ljust(MOST_BYTES))
+    assert arming_refusal(path, now()) is None
+    path.write_bytes(whole.ljust(MOST_BYTES + 1))
+    assert f"it has more than {MOST_BYTES} bytes" in str(arming_refusal(path, now()))

@@ -218,6 +218,22 @@ def test_a_board_that_could_not_be_made_safe_is_still_to_be_remembered() -> None
     assert made.words[POWER] == 3
 
 
+@pytest.mark.parametrize(("power", "is_told"), [(0, False), (1, True), (2, False), (3, True)])
+def test_the_supply_is_told_of_from_before_it_rises_until_the_board_is_safe(
+    power: int, is_told: bool
+) -> None:
+    made = Judged()
+    made.words[POWER] = power
+    assert made.liveness.is_supply_told is is_told
+
+
+def test_a_defect_is_noted_by_the_engine_itself(tmp_path: Path) -> None:
+    made = Judged(SupplyNote(tmp_path / "supply.json"))
+    made.liveness.note_defect()
+    assert "ended by a defect of its own" in str(made.liveness.left)
+    Judged().liveness.note_defect()
+
+
 def test_what_it_was_told_is_noted_once_the_stopper_says_just_that() -> None:
     made = Judged()
     assert made.liveness.has_noted, "nothing was told"

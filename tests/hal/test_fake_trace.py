@@ -34,6 +34,11 @@ def test_a_trace_is_written_over_an_old_one_and_through_no_link(tmp_path: Path) 
     with pytest.raises(OSError, match="symbolic link"):
         Trace.to(path)
     assert named.read_bytes() == b"as it was"
+    path.unlink()
+    path.hardlink_to(named)
+    with pytest.raises(OSError, match="second name"):
+        Trace.to(path)
+    assert named.read_bytes() == b"as it was"
 
 
 class TestTrace:

@@ -52,7 +52,10 @@ def test_one_of_another_boot_was_left_by_a_loss_of_power(note: SupplyNote) -> No
     assert note.left() == "the machine lost its power, or was reset, with the supply on"
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"{}", b'{"boot": 3}'])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b"null", b"\xff\xfe", b"{}", b'{"boot": 3}', b"[" * 4_000],
+)
 def test_one_that_says_nothing_was_left_all_the_same(note: SupplyNote, content: bytes) -> None:
     note.path.write_bytes(content)
     assert note.left() is not None
@@ -61,6 +64,20 @@ def test_one_that_says_nothing_was_left_all_the_same(note: SupplyNote, content: 
 def test_one_that_cannot_be_read_was_left(note: SupplyNote) -> None:
     note.path.mkdir()
     assert note.left() == "a note was left that cannot be read (Is a directory)"
+
+
+def test_one_of_an_engine_that_a_defect_ended_says_so_in_any_boot(note: SupplyNote) -> None:
+    words = "the last engine was ended by a defect of its own with the supply on"
+    note.keep()
+    note.keep_as_defect()
+    assert note.left() == words
+    assert note.path.stat().st_mode & 0o777 == 0o600
+    assert os.listdir(note.path.parent) == [note.path.name]
+    said = json.loads(note.path.read_text())
+    note.path.write_text(json.dumps(said | {"boot": "another"}))
+    assert note.left() == words
+    note.path.write_text(json.dumps(said | {"ended": "otherwise"}))
+    assert "was killed" in str(note.left())
 
 
 def test_behind_a_folder_that_leads_nowhere_nothing_is_known(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import os
+import socket
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,6 +12,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
+from etd_hal import tomlfile
 from etd_hal.errors import FileError
 from etd_hal.tomlfile import convert, load_toml, read_toml
 
@@ -155,6 +158,31 @@ def test_a_number_longer_than_those_of_toml_is_refused_wherever_it_stands(
     with pytest.raises(FileError) as told:
         read_toml(path)
     assert told.value.value == "a whole number in it has more than 64 bits"
+
+
+@pytest.mark.parametrize("of", ["pipe", "device", "socket"])
+def test_what_has_no_end_is_refused_without_waiting_for_it(tmp_path: Path, of: str) -> None:
+    path = tmp_path / "a.toml"
+    with socket.socket(socket.AF_UNIX) as listening:
+        if of == "pipe":
+            os.mkfifo(path)
+        elif of == "device":
+            path.symlink_to("/dev/zero")
+        else:
+            listening.bind(str(path))
+        with pytest.raises(FileError) as told:
+            read_toml(path)
+    words = "it cannot be read" if of == "socket" else "it is a pipe, a device or a socket"
+    assert told.value.value.startswith(words)
+
+
+def test_a_file_may_have_so_many_bytes_and_no_more(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(b"#" * tomlfile.MOST_BYTES)
+    assert read_toml(path) == {}
+    path.write_bytes(b"#" * (tomlfile.MOST_BYTES + 1))
+    with pytest.raises(FileError, match="it has more than 1048576 bytes"):
+        read_toml(path)
 
 
 def test_the_longest_numbers_of_toml_are_read(tmp_path: Path) -> None:

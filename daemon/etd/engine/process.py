@@ -45,10 +45,12 @@ def run_engine(
     supply_note: Path | None = None,
     note_refusal: str | None = None,
     calibrations: CalibrationProcess | None = None,
+    is_of_one_user: bool = False,
 ) -> int:
     """Drive the board until SIGTERM, SIGINT or SIGHUP. Main thread only.
 
-    `folder` is the daemon's runtime folder, where the gateway finds the link; `selftest` is where
+    `folder` is the daemon's runtime folder, where the gateway finds the link, `is_of_one_user` says
+    that no other user's does; `selftest` is where
     the last self-test's report is kept; `calibrations` reads what leases are opened with (None:
     limits only); `supply_note` is what a crash is known by, and `note_refusal` why there must be
     none, so that nothing is armed. Returns the exit status: 0, or 1 when the board could not be
@@ -56,7 +58,7 @@ def run_engine(
     Raises: AlreadyRunning, BoardFault, BusError; the board has been made safe then.
     """
     note = None if supply_note is None else SupplyNote(supply_note)
-    listener = Listener(folder)
+    listener = Listener(folder, is_of_one_user=is_of_one_user)
     notifier = Notifier()
     engine = Engine(
         loaded,
@@ -116,15 +118,29 @@ def _drive(
         while not asked_to_end:
             _accept_gateway(engine, listener)
             engine.step()
+    except BaseException:
+        # No signal asked for this end. A refusal comes before the supply has ever been on.
+        supervisor = engine.supervisor
+        supervisor.supply.remember_defect(is_powered=supervisor.is_powered)
+        raise
     finally:
         # First of all; the caller calls it again, which does nothing more.
         problems = engine.supervisor.end()
         notifier.stopping()
         for task in beside:
             task.end()
+        _note_defect(engine)
         for ending, handler in before.items():
             signal.signal(ending, handler)
     return problems
+
+
+def _note_defect(engine: Engine) -> None:
+    """The stopper has ended: its note stands, if this cannot be written."""
+    try:
+        engine.supervisor.supply.note_defect()
+    except OSError as error:
+        _print(f"that it was ended by a defect cannot be noted ({error.strerror})")
 
 
 def _print(sentence: str) -> None:

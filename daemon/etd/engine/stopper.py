@@ -110,8 +110,18 @@ class StopperLiveness:
 
     def made_safe(self, problems: tuple[str, ...]) -> None:
         """Unless there were problems, nothing is left to be remembered of this power-up."""
-        if self._words[POWER] & 1 and not problems:
+        if self.is_supply_told and not problems:
             self._words[POWER] += 1
+
+    @property
+    def is_supply_told(self) -> bool:
+        """From before the supply goes on until the board has been made safe."""
+        return bool(self._words[POWER] & 1)
+
+    def note_defect(self) -> None:
+        """Once the stopper has ended, so that nothing else writes the note. Raises: OSError."""
+        if self._note is not None:
+            self._note.keep_as_defect()
 
     @property
     def has_noted(self) -> bool:

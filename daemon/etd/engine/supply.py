@@ -32,6 +32,7 @@ class Supply:
         #: What the last attempt left undone, as sentences.
         self.problems: tuple[str, ...] = ()
         self._again_ns = 0
+        self._leaves_note = False
 
     def rises(self) -> None:
         """Told before it is on."""
@@ -41,11 +42,26 @@ class Supply:
     def off(self) -> tuple[str, ...]:
         """Make the board safe. Returns what did not work, as sentences; `again` repeats it."""
         self.problems = problems = self._board.safe_off()
-        self._liveness.made_safe(problems)
+        if not self._leaves_note:
+            self._liveness.made_safe(problems)
         if not problems:
             self.watched(False)
         self._again_ns = self._now_ns() + AGAIN_NS
         return problems
+
+    def remember_defect(self, *, is_powered: bool) -> None:
+        """Told before the last `off` of an engine that a defect ends; from then on that leaves the
+        note. `is_powered`: by its state, which changes after the supply has gone off. What was not
+        powered leaves nothing.
+        """
+        self._leaves_note = is_powered or self._liveness.is_supply_told
+
+    def note_defect(self) -> None:
+        """Once the stopper has ended, in words of its own: what the stopper noted says only that
+        the supply was on, and is gone where it was off already. Raises: OSError.
+        """
+        if self._leaves_note:
+            self._liveness.note_defect()
 
     def cleared(self) -> None:
         """A halt was cleared; the stopper is woken, to drop its note."""

@@ -16,9 +16,15 @@ from pathlib import Path
 from etd.files.atomic_file import write_atomically
 from etd.files.paths import board_as_started_file
 from etd.protocol.errors import FileError
+from etd_hal.bounded_file import read_bounded
+from etd_hal.tomlfile import MOST_BYTES
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 _HEAD = "# etd: "
+#: A board's file, and the line before it.
+_MOST_BYTES = 2 * MOST_BYTES
+#: What is in the place of a copy and is none: there is none then, and nothing waits for it.
+_NONE = (OSError, ValueError, KeyError, TypeError, RecursionError, FileError)
 
 
 def keep_as_started(copy: Path, file: Path) -> None:
@@ -35,10 +41,10 @@ def as_started(name: str, file: Path | None, given: Path | None) -> Path | None:
     """The copy, if it is of this boot, and of this `file` (None: of any). `given`: the daemon's own
     folder, if it has one.
     """
-    with contextlib.suppress(OSError, ValueError, FileError):
+    with contextlib.suppress(*_NONE):
         copy = board_as_started_file(name, "linux", given)
-        with copy.open(encoding="utf-8") as lines:
-            of = json.loads(lines.readline().removeprefix(_HEAD))
+        head, _, _ = read_bounded(copy, _MOST_BYTES).partition(b"\n")
+        of = json.loads(head.decode().removeprefix(_HEAD))
         if of["boot"] == _boot() and (file is None or of["file"] == str(file)):
             return copy
     return None

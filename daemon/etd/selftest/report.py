@@ -17,6 +17,10 @@ from etd.files.paths import make_own
 from etd.protocol.errors import FileError
 from etd.selftest.subject import Subject, difference
 from etd_hal.boardfile import BoardFile
+from etd_hal.bounded_file import read_bounded
+
+#: Many times what a report of any board has.
+MOST_BYTES = 1_048_576
 
 Result = Literal["pass", "fail", "skip", "absent"]
 
@@ -150,11 +154,14 @@ def save(report: Report, path: Path) -> None:
 
 
 def load(path: Path) -> Report | None:
-    """None if there is none. Raises: FileError if it cannot be read."""
+    """None if there is none. Never waits. Raises: FileError if it cannot be read."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Report)
+        return msgspec.json.decode(read_bounded(path, MOST_BYTES), type=Report)
     except FileNotFoundError:
         return None
+    except FileError as error:
+        advice = "remove it, and run etd selftest"
+        raise FileError(error.file, error.key, error.value, advice) from error
     except (OSError, msgspec.MsgspecError) as error:
         raise FileError(
             str(path),

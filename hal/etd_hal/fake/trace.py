@@ -7,8 +7,10 @@ Must not know: what the bytes mean.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -36,7 +38,14 @@ def header(board: BoardFile, electrodes: Sequence[int]) -> bytes:
 
 
 def _past_no_link(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    number = os.open(path, flags & ~os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    found = os.fstat(number)
+    if stat.S_ISREG(found.st_mode):
+        if found.st_nlink > 1:
+            os.close(number)
+            raise OSError(errno.EMLINK, "a second name of another file is in its place", path)
+        os.ftruncate(number, 0)
+    return number
 
 
 class Trace:
@@ -53,8 +62,10 @@ class Trace:
 
     @classmethod
     def to(cls, path: Path) -> Trace:
-        """A new trace at `path`, or over an old one; a link there is not followed: in a folder that
-        others can write to, it may be another user's. Raises: OSError.
+        """A new trace at `path`, or over an old one; a link there is not followed, nor a second
+        name of another file: in a folder that others can write to, it may be another user's.
+
+        Raises: OSError.
         """
         return cls(open(path, "wb", buffering=0, opener=_past_no_link))
 

@@ -50,7 +50,8 @@ class SideProcess:
         )
         with its:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", program],
+                # No module is looked for in the folder that it happens to be started in.
+                [sys.executable, "-P", "-c", program],
                 stdin=subprocess.DEVNULL,
                 pass_fds=(its.fileno(), *fds),
                 process_group=0,
