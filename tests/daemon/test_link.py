@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -141,6 +142,18 @@ def test_sending_to_an_end_that_is_gone_closes(pair: Pair) -> None:
     assert not engine.is_open
 
 
+def test_what_had_come_before_the_other_end_was_gone_is_still_received(pair: Pair) -> None:
+    engine, gateway = pair
+    for ref in (1, 2):
+        gateway.send(StopNow(ref=ref, client="operator"))
+    gateway.close()
+    assert not engine.send(Answer(ref=1))
+    assert not engine.is_open
+    for ref in (1, 2):
+        assert engine.receive() == StopNow(ref=ref, client="operator")
+    assert engine.receive() is None
+
+
 @pytest.mark.parametrize(
     "nonsense",
     [
@@ -189,6 +202,30 @@ def test_a_gateway_connects_to_both_sockets_of_the_engine(tmp_path: Path) -> Non
         channel.close()
     listener.close()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("is_of_one_user", "mode"), [(True, 0o600), (False, 0o660)])
+def test_only_the_gateways_user_reaches_an_engine(
+    tmp_path: Path, *, is_of_one_user: bool, mode: int
+) -> None:
+    listener = Listener(tmp_path, is_of_one_user=is_of_one_user)
+    assert [path.stat().st_mode & 0o777 for path in socket_paths(tmp_path)] == [mode, mode]
+    listener.close()
+
+
+def test_a_gateway_does_not_wait_behind_others_at_an_engine_that_takes_none(tmp_path: Path) -> None:
+    """It would hear no stop and no signal meanwhile."""
+    listener, waiting = Listener(tmp_path), []
+    for _ in range(5):
+        if (one := connect(tmp_path)) is None:
+            break
+        waiting.append(one)
+    assert 0 < len(waiting) < 5
+    with pytest.raises(AlreadyRunning, match=tmp_path.name):
+        Listener(tmp_path)
+    for channel in itertools.chain.from_iterable(waiting):
+        channel.close()
+    listener.close()
 
 
 def test_a_second_engine_of_the_same_name_is_refused(tmp_path: Path) -> None:

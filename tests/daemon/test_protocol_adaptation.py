@@ -31,9 +31,24 @@ def test_three_of_five_answers_are_enough() -> None:
     assert ADAPTS.why_not_in(DAY, DAY - datetime.timedelta(days=1)) is None, "midnight elsewhere"
 
 
+@pytest.mark.parametrize("from_s", [600.0 / 42, 15.0, 600.0])
+def test_it_may_be_weaker_from_the_first_answer_to_the_last(from_s: float) -> None:
+    assert replace(ADAPTS, weaker_from_s=from_s).why_not_in(DAY, DAY) is None
+
+
 def test_what_follows_is_said() -> None:
-    assert raises_in_words("why") == "the person's word raises nothing: why"
-    assert raises_in_words(None).startswith("the person's word may raise levels, by at most 5 %")
+    assert raises_in_words("why", ADAPTS) == "the person's word raises nothing: why"
+    told = replace(ADAPTS, weaker_from_s=105.0)
+    said = raises_in_words(None, told)
+    assert said.startswith("the person's word may raise levels, by at most 5 %")
+    assert said.endswith("good makes up for 4.4% a minute of use")
+    assert raises_in_words(None, replace(told, weaker_from_s=15.0)).endswith("5.0% a minute of use")
+    assert "good raises nothing, since it is not told how fast" in raises_in_words(None, ADAPTS)
+    assert told.in_words.endswith("2 stronger; it was weaker from 105 s on")
+    assert "good raises nothing" in raises_in_words(None, None)
+    assert ADAPTS.in_words.endswith("2 stronger")
+    assert replace(told, weaker_from_s=600.0).in_words.endswith("weaker from 600 s on")
+    assert replace(told, weaker_from_s=615.0).in_words.endswith("2 stronger"), "of none of them"
 
 
 @pytest.mark.parametrize("count", [-1, 1_001])
@@ -52,6 +67,8 @@ def test_a_file_has_counts_of_answers(count: int) -> None:
         ({"answers": 19, "weaker": 19, "stronger": 0}, "at least 20 answers are needed"),
         ({"use_s": 479.0}, "at least 480 s are needed"),
         ({"weaker": 15, "stronger": 6}, "more than there were"),
+        ({"weaker_from_s": 14.0}, "weaker_from_s, 14 s, is before the first answer"),
+        ({"weaker_from_s": 601.0}, "weaker_from_s, 601 s, is after the last of these answers"),
         ({"stronger": 7}, "more than 30% stronger: it goes up and down"),
         ({"date": DAY - datetime.timedelta(days=1)}, "before the calibration that it stands in"),
         ({"date": DAY + datetime.timedelta(days=2)}, "today is 2026-01-15: set the clock"),

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 import pytest
 
 from engine_rig import LEASE, EngineRig
 from engine_scenes import (
-    calibration,
     clamps,
-    exponent,
     only,
-    open_calibrated,
     opened_to,
     phases,
     states,
@@ -25,74 +20,30 @@ from engine_scenes import (
 from etd.engine.feeling import Feeling
 from etd.files.configuration import LoadedConfig, fake_config
 from etd.protocol.adaptation import MeasuredAdaptation
-from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.felt import FeltFacts
-from etd.protocol.link import Answer, CloseLease, DisarmBoard, SayFelt
+from etd.protocol.link import CloseLease, DisarmBoard, SayFelt
 from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
-from etd.stabilize.said import ANSWERED_LOWERED_BY, LOWERED_BY, MOST, RISE_A_MINUTE
+from etd.stabilize.said_electrode import ANSWERED_LOWERED_BY, LOWERED_BY, MOST, RISE_A_MINUTE
 from etd.stabilize.settings import Settings
 from etd_body.electrode import skin
-
-MakeRig = Callable[..., EngineRig]
-N = 16
-#: So many answers in a row against laws are enough (`tests/stabilize/test_law_watch.py`).
-TOO_MANY = 4
-CAP_UA = 3_000
-#: Who feels less in use, as their calibration says.
-ADAPTS = MeasuredAdaptation(
-    answers=20, weaker=16, stronger=1, use_s=600.0, date=datetime.date(2025, 1, 15)
+from felt_scenes import (
+    ADAPTS,
+    CAP_UA,
+    MakeRig,
+    N,
+    done,
+    felt_rig,
+    hold,
+    last_ua,
+    of_four,
+    only_level,
+    ready,
+    say,
 )
 
-
-def ready(
-    rig: EngineRig, cap_ua: int = CAP_UA, adaptation: MeasuredAdaptation | None = None
-) -> EngineRig:
-    """Armed for a calibrated person: threshold at 1000 uA, comfortable at 2000 uA."""
-    made = calibration(rig, [cap_ua] * N)
-    limits = ElectrodeLimits(threshold_ua=1_000, comfortable_ua=2_000, cap_ua=cap_ua)
-    made = msgspec.structs.replace(
-        made, electrode=(limits,) * N, exponent=exponent(1.05), adaptation=adaptation
-    )
-    assert open_calibrated(rig, made).error is None
-    rig.arm()
-    opened_to(rig, CAP_UA)
-    return rig
-
-
-def felt_rig(
-    make_rig: MakeRig,
-    cap_ua: int = CAP_UA,
-    *,
-    may_raise: bool = False,
-    adaptation: MeasuredAdaptation | None = ADAPTS,
-) -> EngineRig:
-    """Its electrode 4 at a middle level for some seconds. `may_raise`: as the body site has it."""
-    loaded = fake_config(electrodes=N)
-    site = msgspec.structs.replace(loaded.body_site, felt_may_raise=may_raise)
-    rig = ready(make_rig(loaded=replace(loaded, body_site=site)), cap_ua, adaptation)
-    hold(rig, 2_000)
-    return rig
-
-
-def hold(rig: EngineRig, duration_ms: float, level: float = 0.5) -> None:
-    rig.hold(duration_ms, level=only_level(level), rate_hz=20.0, ttl_ms=1_000)
-
-
-def only_level(level: float) -> tuple[float, ...]:
-    return tuple(level if electrode == 4 else 0.0 for electrode in range(N))
-
-
-def say(rig: EngineRig, answer: str, lease: str | None = LEASE, **about: Any) -> Answer:
-    return rig.ask(SayFelt, answer=answer, lease=lease, **about)
-
-
-def of_four(rig: EngineRig) -> list[float]:
-    return [phase.current_ua for phase in phases(rig) if phase.electrode == 4]
-
-
-def last_ua(rig: EngineRig) -> float:
-    return of_four(rig)[-1]
+#: So many answers in a row against laws are enough (`tests/stabilize/test_law_watch.py`).
+TOO_MANY = 4
 
 
 def facts(rig: EngineRig) -> FeltFacts:
@@ -148,11 +99,6 @@ def test_too_weak_raises_a_level_slowly_and_the_cap_stays(make_rig: MakeRig) -> 
     hold(rig, 2_000, level=1.0)
     assert last_ua(rig) <= 2_050
     assert facts(rig).factors[4] <= MOST
-
-
-def done(answer: Answer) -> tuple[str, str]:
-    assert answer.felt is not None, answer.reason
-    return answer.felt.did, answer.felt.reason
 
 
 def test_as_it_ships_too_weak_gives_back_and_says_that_it_raises_nothing(
@@ -396,7 +342,7 @@ class Played:
         self.now_ns += 240_000_000_000
         for electrode in range(N):
             self.feeling.laws_gave(electrode, gave)
-            self.feeling.fired(electrode, left, self.now_ns)
+            self.feeling.fired(electrode, left, self.now_ns, 1_000, 1_000)
         self.feeling.hear(SayFelt(ref=1, answer=answer, lease=LEASE), self.now_ns + 1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import get_args
 
 import numpy as np
@@ -10,7 +11,7 @@ import scipy.stats
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from etd.stabilize.offset_estimate import Answer, OffsetEstimate
+from etd.stabilize.offset_estimate import Answer, OffsetEstimate, likelihood
 from etd_body.tissue import Floats
 
 MINUTE = 60_000_000_000
@@ -89,3 +90,43 @@ def test_it_is_what_bayes_theorem_says_of_these_answers(
     # Before anything was said there is nothing to be forgotten.
     expected = mean * np.exp(-later_ns / 600e9) if said else 0.0
     assert estimate.mean(now_ns + later_ns) == pytest.approx(expected, abs=1e-9)
+
+
+@given(
+    answer=st.sampled_from(get_args(Answer)),
+    offset=st.floats(-60.0, 60.0),
+    minutes=st.integers(0, 30),
+)
+def test_it_goes_by_the_likelihood_of_the_answer(
+    answer: Answer, offset: float, minutes: int
+) -> None:
+    """Against the plain form of the same: the mean after one word, and after another."""
+    estimate, now_ns = OffsetEstimate(), minutes * 60_000_000_000
+    wanted = [number * 0.05 for number in range(-26, 27)]
+    near, far = ([math.exp(-0.5 * (one / sigma) ** 2) for one in wanted] for sigma in (0.05, 0.35))
+    prior = [0.7 * a / sum(near) + 0.3 * b / sum(far) for a, b in zip(near, far, strict=True)]
+    weights = prior
+    for told_ns in (0, now_ns):
+        estimate.hear(answer, offset, told_ns)
+        kept = math.exp(-told_ns / 600e9)
+        weights = [
+            (kept * weight + (1.0 - kept) * before) * likelihood(answer, offset - one)
+            for weight, before, one in zip(weights, prior, wanted, strict=True)
+        ]
+        total = sum(weights)
+        weights = [weight / total for weight in weights]
+        mean = sum(weight * one for weight, one in zip(weights, wanted, strict=True))
+        assert estimate.mean(told_ns) == pytest.approx(mean, abs=1e-9)
+
+
+@given(offsets=st.lists(st.sampled_from([-0.3, 0.0, 0.1]), min_size=1, max_size=8))
+def test_each_of_many_hears_as_it_would_alone(offsets: list[float]) -> None:
+    together = [OffsetEstimate() for _ in offsets]
+    answers: tuple[Answer, ...] = ("too_strong", "good", "too_weak")
+    for now_ns, answer in enumerate(answers):
+        OffsetEstimate.hear_each(together, answer, offsets, now_ns)
+    for one, offset in zip(together, offsets, strict=True):
+        alone = OffsetEstimate()
+        for now_ns, answer in enumerate(answers):
+            alone.hear(answer, offset, now_ns)
+        assert one.mean(3) == alone.mean(3)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from etd.stabilize.offset_estimate import Answer
-from etd.stabilize.said import (
+from etd.stabilize.said import FeltOffsets
+from etd.stabilize.said_electrode import (
     AGAIN_NS,
     AGAIN_TIMES,
     ANSWERED_LOWERED_BY,
@@ -13,7 +14,6 @@ from etd.stabilize.said import (
     AT_ONCE_TIMES,
     LOWERED_BY,
     MOST_LOWERED_BY,
-    FeltOffsets,
 )
 
 S = 1_000_000_000

@@ -7,16 +7,10 @@ from typing import get_args
 
 import pytest
 
-from etd.stabilize import said
+from etd.stabilize import said_electrode
 from etd.stabilize.offset_estimate import Answer, OffsetEstimate
-from etd.stabilize.said import (
-    AGAIN_TIMES,
-    ANSWERED_LOWERED_BY,
-    LOWERED_BY,
-    RISE_A_MINUTE,
-    FeltOffsets,
-    Followed,
-)
+from etd.stabilize.said import FeltOffsets, Followed
+from etd.stabilize.said_electrode import AGAIN_TIMES, ANSWERED_LOWERED_BY, LOWERED_BY, RISE_A_MINUTE
 
 S = 1_000_000_000
 #: Far from the zero of any clock.
@@ -54,8 +48,9 @@ class Array:
 
 
 def test_durations_and_what_is_told_are_those_of_the_page() -> None:
-    assert (said.FELT_NS, said.MINUTE_NS) == (60 * S, 60 * S)
-    assert (said.AT_ONCE_NS, said.LETS_RISE_NS, said.AGAIN_NS) == (30 * S, 90 * S, 180 * S)
+    assert (said_electrode.FELT_NS, said_electrode.MINUTE_NS) == (60 * S, 60 * S)
+    durations = said_electrode.AT_ONCE_NS, said_electrode.LETS_RISE_NS, said_electrode.AGAIN_NS
+    assert durations == (30 * S, 90 * S, 180 * S)
     assert get_args(Followed) == ("lowered", "gives_back", "raises", "nothing")
 
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etd.stabilize.offset_estimate import Answer
-from etd.stabilize.said import LOWERED_BY, MOST, FeltOffsets
+from etd.stabilize.said import FeltOffsets
+from etd.stabilize.said_electrode import LOWERED_BY, MOST
 
 MINUTE = 60_000_000_000
 words = st.tuples(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from etd.stabilize.offset_estimate import Answer
-from etd.stabilize.said import ANSWERED_LOWERED_BY, RISE_A_MINUTE, FeltOffsets
+from etd.stabilize.said import FeltOffsets
+from etd.stabilize.said_electrode import ANSWERED_LOWERED_BY, FELT_NS, RISE_A_MINUTE
 
 S = 1_000_000_000
 
@@ -164,3 +165,45 @@ def test_the_same_word_after_too_strong_is_another_answer() -> None:
     for second in (40, 80):
         offsets.fired(0, second * S)
     assert offsets.factors()[0] == pytest.approx(RISE_A_MINUTE * lowered)
+
+
+def test_a_rise_is_lost_where_nothing_was_fired_for_more_than_a_minute() -> None:
+    offsets = FeltOffsets(1, may_raise=True)
+    offsets.fired(0, 0)
+    offsets.hear("too_weak", None, 0)
+    assert offsets.factors()[0] > 1.0
+    offsets.fired(0, FELT_NS + S)
+    assert offsets.factors()[0] == 1.0
+
+
+def raised_and_too_strong(minutes: int) -> tuple[FeltOffsets, float]:
+    """So many words raised it; then one *too strong*, and what there was before that."""
+    offsets = FeltOffsets(1, may_raise=True)
+    for second in range(60 * minutes):
+        offsets.fired(0, second * S)
+        if second % 60 == 0:
+            offsets.hear("too_weak", None, second * S)
+    before = offsets.factors()[0]
+    offsets.hear("too_strong", None, (60 * minutes - 1) * S)
+    return offsets, before
+
+
+def test_too_strong_takes_of_a_rise_once_and_of_a_named_current() -> None:
+    offsets, before = raised_and_too_strong(2)
+    part = 1.0 - ANSWERED_LOWERED_BY
+    assert before == pytest.approx(RISE_A_MINUTE**2)
+    assert offsets.factors()[0] == pytest.approx(part * before)
+    assert offsets.below(0) == 1.0, "of the frame's own nothing is taken"
+    assert offsets.left(0) == pytest.approx(part)
+
+
+def test_below_the_frames_own_both_are_alike() -> None:
+    offsets = FeltOffsets(1, may_raise=True)
+    assert (offsets.below(0), offsets.left(0)) == (1.0, 1.0)
+    for second in range(62):
+        offsets.fired(0, second * S)
+    offsets.hear("too_strong", None, 0)
+    assert offsets.below(0) == offsets.left(0) == offsets.factors()[0]
+    assert offsets.below(0) == pytest.approx(1.0 - ANSWERED_LOWERED_BY)
+    offsets.hear("good", None, 61 * S)
+    assert offsets.below(0) == offsets.left(0) == 1.0

@@ -138,8 +138,9 @@ class Clearance:
             return soft_start.risen_after_ns(electrode, current_ua, period_ns, now_ns)
 
         touched, want = self._contact.is_touched, returns.share.want
-        factors, net = self._feeling.lowered(), self._ledger.net.states(now_ns)
-        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, factors, net)
+        felt_ua = self._feeling.felt_ua if self._feeling.is_lowered else None
+        net = self._ledger.net.states(now_ns)
+        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, felt_ua, net)
 
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int
@@ -227,10 +228,15 @@ class Clearance:
         """What is left since the person said too strong; what measures contact is not felt."""
         if due.purpose != "stimulus":
             return None
-        return self._feeling.felt_ua(due.scheduled.electrode, request.current_ua)
+        scheduled = due.scheduled
+        return self._feeling.felt_ua(
+            scheduled.electrode,
+            request.current_ua,
+            may_be_raised=scheduled.bounds.may_be_raised,
+        )
 
     def _bounds(self, due: DuePulse, now_ns: int) -> PulseBounds:
-        """The frame's, higher where the person said that it is too weak."""
+        """The frame's, higher where the person's word raised it."""
         scheduled = due.scheduled
         factor = self._feeling.factor(scheduled.electrode, now_ns)
         if factor <= 1.0 or due.purpose != "stimulus":

@@ -43,6 +43,8 @@ from etd.safety.limits import limits_of_calibrations, limits_of_numbers
 
 #: A client on this machine reads the same clock; more than this ahead is not that clock.
 _AHEAD_NS = 100_000_000
+#: Accounts that are waited for: as many as a gateway has requests under way.
+MOST_AWAITED = 32
 
 
 def execute(core: Supervisor, command: ToEngine, host_ns: int) -> None:
@@ -111,7 +113,10 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             # Also when it has ended: what a stop cut short is asked for after it.
             if token != core.reporter.accounts.lease:
                 _holder(core, token)
-            core.reporter.accounts.awaited.append((command.ref, command.seq))
+            awaited = core.reporter.accounts.awaited
+            if len(awaited) >= MOST_AWAITED:
+                raise Refused("busy", f"{MOST_AWAITED} accounts are waited for: ask again later")
+            awaited.append((command.ref, command.seq))
             return None
         case RecordPulses(is_on=is_on):
             # What has gathered comes before the answer: a record that ends has it.

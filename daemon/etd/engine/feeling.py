@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from etd.protocol.adaptation import why_not_raised
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
 from etd.protocol.felt import HARDLY_ANYTHING, FeltDone, FeltFacts
 from etd.protocol.link import SayFelt
+from etd.stabilize.fired_ceiling import FiredCeiling
 from etd.stabilize.law_watch import LawWatch
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import FeltOffsets, Followed
+from etd.stabilize.said_electrode import fades_a_minute
 
 #: Currents are whole microamperes: a pulse with this part of what laws asked is what they asked.
 _NEARLY = 0.98
@@ -29,8 +32,36 @@ _NOT_RAISED = (
     "nothing is lowered that could come back, and nothing is raised above the frame's own strength"
     " ({}): show a higher level, within its caps"
 )
+#: A fall within what is called good anyway comes back by any answer, and is no case of these.
+_DEEP = (
+    "it stays: too_strong has left {:.0%} of it, and a fall that deep comes back only as far as all"
+    " answers together say so; the same said again within half a minute is one answer: where it is"
+    " too weak, say too_weak, and again after that"
+)
+_NAMED = (
+    "levels are not below the frame's own strength; of a current_ua that a frame names too_strong"
+    " has left {:.0%}, and good gives back no more than levels need: say too_weak where it is"
+)
+_CEILING = (
+    "too_strong was said of what another limit had left: nothing passes {} uA at electrode {}, no"
+    " soft start either; too_weak lets that rise by 5 % a minute, and disarming begins anew"
+)
 _NOT_BY_SITE = "felt_may_raise = false in the body site"
 _NOT_WITHOUT = "no calibration tells that this person feels less in use"
+
+
+@dataclass(slots=True)
+class _LastPulse:
+    """Of an electrode: what laws made of the charge of its next one, in times of the frame's; which
+    part of the frame's charge the last one had, and which part a word had left to it; its current,
+    and whether other limits had left less than was asked for.
+    """
+
+    gave: float = 1.0
+    part: float = 1.0
+    word: float = 1.0
+    current_ua: int = 0
+    was_limited: bool = False
 
 
 class Feeling:
@@ -47,9 +78,8 @@ class Feeling:
         self._why_not_raised = _NOT_WITHOUT if may_raise else _NOT_BY_SITE
         self._offsets = FeltOffsets(electrodes, may_raise=False)
         self._watch = LawWatch()
-        self._gave = [1.0] * electrodes
-        self._fired = [1.0] * electrodes
-        self._word = [1.0] * electrodes
+        self._pulses = [_LastPulse() for _ in range(electrodes)]
+        self._ceilings: dict[int, FiredCeiling] = {}
         self._answers = 0
         self._last: tuple[int, SayFelt] | None = None
         #: Why laws by resistance are off; empty: they are not.
@@ -59,9 +89,8 @@ class Feeling:
         """The supply was off."""
         self._offsets.reset()
         self._answers, self._last = 0, None
-        self._gave = [1.0] * self._count
-        self._fired = [1.0] * self._count
-        self._word = [1.0] * self._count
+        self._pulses = [_LastPulse() for _ in range(self._count)]
+        self._ceilings = {}
 
     def lease_begun(self, calibrations: Sequence[Calibration] = ()) -> None:
         """Perhaps another person's: laws are judged anew. `calibrations`: theirs, if any. By each
@@ -69,45 +98,63 @@ class Feeling:
         """
         if self._may_raise_here:
             self._why_not_raised = _why_not_raised(calibrations)
-        self._offsets = FeltOffsets(self._count, may_raise=not self._why_not_raised)
+        self._offsets = FeltOffsets(
+            self._count,
+            may_raise=not self._why_not_raised,
+            fades_a_minute=_fades_a_minute(calibrations),
+        )
         self.reset()
         self._watch.reset()
         self.laws_off = ""
 
     # --- pulses ------------------------------------------------------------------------------
 
-    def fired(self, electrode: int, part: float, now_ns: int) -> None:
-        """A pulse of a frame was fired, with this part of the frame's charge."""
-        self._word[electrode] = min(1.0, self._offsets.factor(electrode, now_ns))
-        self._fired[electrode] = part
+    def fired(
+        self, electrode: int, part: float, now_ns: int, fired_ua: int, wanted_ua: int
+    ) -> None:
+        """A pulse of a frame was fired, with this part of the frame's charge, and this current of
+        what frame, laws and words asked for.
+        """
+        pulse = self._pulses[electrode]
+        pulse.word = min(1.0, self._offsets.factor(electrode, now_ns))
+        pulse.part, pulse.current_ua = part, fired_ua
+        pulse.was_limited = fired_ua < wanted_ua
+        if self._ceilings and (ceiling := self._ceilings.get(electrode)) is not None:
+            ceiling.rise(now_ns)
         self._offsets.fired(electrode, now_ns)
 
     def laws_gave(self, electrode: int, factor: float) -> None:
         """What laws made of the charge of its next pulse, in times of the frame's."""
-        self._gave[electrode] = factor
+        self._pulses[electrode].gave = factor
 
     def factor(self, electrode: int, now_ns: int) -> float:
         """On the requested current of a pulse now."""
         return self._offsets.factor(electrode, now_ns)
 
-    def felt_ua(self, electrode: int, current_ua: int) -> int | None:
-        """What is left of a current since the person said too strong; None: all of it."""
+    def felt_ua(self, electrode: int, current_ua: int, *, may_be_raised: bool) -> int | None:
+        """What is left of a current since the person said too strong; None: all of it.
+        `may_be_raised`: by `factor`, which has what a word took of a rise.
+        """
         if self._offsets.is_idle:
             return None
-        factor = self._offsets.left(electrode)
+        by_word = self.word_ua(electrode, current_ua, may_be_raised=may_be_raised)
+        ceiling = self._ceilings.get(electrode)
+        if ceiling is None:
+            return by_word
+        return int(ceiling.most_ua if by_word is None else min(by_word, ceiling.most_ua))
+
+    def word_ua(self, electrode: int, current_ua: int, *, may_be_raised: bool) -> int | None:
+        """The same without what it says of pulses that other limits had lowered."""
+        offsets = self._offsets
+        factor = offsets.below(electrode) if may_be_raised else offsets.left(electrode)
         return None if factor >= 1.0 else int(current_ua * factor)
 
     @property
     def is_lowered(self) -> bool:
         """Whether *too strong* has left less than all of any current."""
-        return any(self._offsets.left(electrode) < 1.0 for electrode in range(self._count))
-
-    def lowered(self) -> tuple[float, ...] | None:
-        """The factor of each electrode; None where none is below 1."""
-        if self._offsets.is_idle:
-            return None
-        factors = self._offsets.factors()
-        return factors if min(factors) < 1.0 else None
+        return bool(self._ceilings) or any(
+            self._offsets.left(electrode) < 1.0 for electrode in range(self._count)
+        )
 
     # --- answers -----------------------------------------------------------------------------
 
@@ -117,25 +164,73 @@ class Feeling:
         about = self._felt_of(said.electrodes, now_ns)
         if said.lease is not None and about:
             self._judge_laws(said.answer, about, now_ns)
+        before = [self._offsets.left(electrode) for electrode in about]
         did: Followed = "lowered"
         if said.lease is None:
             self._offsets.lower(said.electrodes, now_ns)
         else:
             did = self._offsets.hear(said.answer, said.electrodes, now_ns)
+        if said.answer == "too_strong":
+            self._lower_ceilings(about, before, now_ns)
+        elif self._let_ceilings_rise(about, said.answer, now_ns) and did == "nothing":
+            did = "gives_back"
         self._answers += 1
         self._last = now_ns, said
         return FeltDone(did=did, reason=self._why_no_more(said, did, now_ns))
 
+    def _lower_ceilings(self, about: Sequence[int], before: Sequence[float], now_ns: int) -> None:
+        """Where another limit had left less than was asked for, a part of that takes nothing."""
+        for electrode, left_before in zip(about, before, strict=True):
+            pulse = self._pulses[electrode]
+            if not pulse.was_limited:
+                continue
+            left = self._offsets.left(electrode) / left_before
+            if electrode in self._ceilings:
+                self._ceilings[electrode].lower(pulse.current_ua, left, now_ns)
+            else:
+                self._ceilings[electrode] = FiredCeiling(pulse.current_ua, left, now_ns)
+
+    def _let_ceilings_rise(self, about: Sequence[int], answer: Answer, now_ns: int) -> bool:
+        """Whether any does."""
+        ceilings = [self._ceilings[electrode] for electrode in about if electrode in self._ceilings]
+        is_weak = answer == "too_weak"
+        rising = [ceiling.let_rise(now_ns, is_weak=is_weak) for ceiling in ceilings]
+        return any(rising)
+
     def _why_no_more(self, said: SayFelt, did: Followed, now_ns: int) -> str:
-        if said.answer == "too_strong":
-            return ""
         about = self._felt_of(said.electrodes, now_ns)
+        if said.answer == "too_strong":
+            return self._of_ceilings(about)
         least = min((self._offsets.left(electrode) for electrode in about), default=1.0)
         if least < HARDLY_ANYTHING:
             return _hardly_anything(least)
         waits_ns = self._offsets.waits_ns(said.electrodes, now_ns)
         later = "" if waits_ns is None else _NOT_BEFORE.format(math.ceil(waits_ns / 1e9))
-        return "; ".join(filter(None, (later, self._why_not_higher(said.answer, did))))
+        why = self._of_ceilings(about)
+        if not why and did == "nothing":
+            why = self._why_lowered_stays(said.answer, about)
+        why = why or self._why_not_higher(said.answer, did)
+        return "; ".join(filter(None, (later, why)))
+
+    def _why_lowered_stays(self, answer: Answer, about: Sequence[int]) -> str:
+        """Empty where nothing of these is lowered, or it is told otherwise."""
+        below = min((self._offsets.below(electrode) for electrode in about), default=1.0)
+        if below < 1.0:
+            return _DEEP.format(below)
+        left = min((self._offsets.left(electrode) for electrode in about), default=1.0)
+        return _NAMED.format(left) if answer == "good" and left < 1.0 else ""
+
+    def _of_ceilings(self, about: Sequence[int]) -> str:
+        """The least of them; empty where none of these has one."""
+        each = {
+            electrode: self._ceilings[electrode].most_ua
+            for electrode in about
+            if electrode in self._ceilings
+        }
+        if not each:
+            return ""
+        least = min(each, key=each.__getitem__)
+        return _CEILING.format(int(each[least]), least)
 
     def _why_not_higher(self, answer: Answer, did: Followed) -> str:
         if answer != "too_weak" or did not in ("gives_back", "nothing"):
@@ -192,9 +287,9 @@ class Feeling:
         is not theirs; nor what a word took, where the next one asks for more. Where it says that
         even so it is too strong, what laws add is against it.
         """
-        gave, fired = self._gave[electrode], self._fired[electrode]
+        pulse = self._pulses[electrode]
+        gave, fired, word = pulse.gave, pulse.part, pulse.word
         if gave > 1.0:
-            word = self._word[electrode]
             return max(1.0, min(gave, fired / word if word > 0.0 else gave))
         return gave if fired >= _NEARLY * gave else 1.0
 
@@ -222,6 +317,15 @@ def _why_not_raised(calibrations: Sequence[Calibration]) -> str:
         return _NOT_WITHOUT
     each = (why_not_raised(made.adaptation, made.date) for made in calibrations)
     return next((why for why in each if why is not None), "")
+
+
+def _fades_a_minute(calibrations: Sequence[Calibration]) -> float:
+    """By that of them which says the least; 0 where one does not tell."""
+    from_s = [
+        None if made.adaptation is None else made.adaptation.weaker_from_s for made in calibrations
+    ]
+    told = [seconds for seconds in from_s if seconds is not None]
+    return fades_a_minute(max(told)) if told and len(told) == len(from_s) else 0.0
 
 
 def _hardly_anything(left: float) -> str:

@@ -67,7 +67,8 @@ class Findings:
             given_ua = cleared.given.current_ua
             self._soft_start.fired(electrode, given_ua, pulse.commanded_ua, last.ended_ns)
             part = cleared.given.charge_pc / max(1, due.scheduled.request.charge_pc)
-            self._feeling.fired(electrode, part, last.ended_ns)
+            wanted_ua = self._wanted_ua(due, cleared, last.ended_ns)
+            self._feeling.fired(electrode, part, last.ended_ns, given_ua, wanted_ua)
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
         was_touched = contact.is_touched[electrode]
         if contact.update(
@@ -87,6 +88,18 @@ class Findings:
         self._returns.update(due.scheduled, pulse, first, touches=touches, is_rested=is_rested)
         if due.purpose != "contact_poll":
             self._pre_probe.was_followed(electrode)
+
+    def _wanted_ua(self, due: DuePulse, cleared: Cleared, now_ns: int) -> int:
+        """What was asked for of this pulse and left by the person's word, before any other limit,
+        also where a cap left less of a rise.
+        """
+        electrode, current_ua = due.scheduled.electrode, cleared.request.current_ua
+        bounds = due.scheduled.bounds
+        factor = self._feeling.factor(electrode, now_ns)
+        if factor > 1.0 and bounds.may_be_raised:
+            return max(current_ua, int(bounds.current_ua * factor))
+        left_ua = self._feeling.word_ua(electrode, current_ua, may_be_raised=bounds.may_be_raised)
+        return current_ua if left_ua is None else left_ua
 
     def report(
         self,

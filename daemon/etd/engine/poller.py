@@ -127,6 +127,7 @@ class Poller:
         if self._gateway_link.undecodable is not None:
             self._hang_up(self._gateway_link.undecodable, host_ns)
         elif self._gateway_link.is_gone:
+            self._heed_last_stops(host_ns)
             self._gateway_link.hang_up()
             self._supervisor.opening.cancel()
             self._supervisor.end_lease("the gateway is gone")
@@ -137,18 +138,20 @@ class Poller:
                 self._supervisor.end_lease("the gateway is silent")
 
     def _hang_up(self, undecodable: Undecodable, host_ns: int) -> None:
-        """Ends the connection to a gateway whose message could not be decoded. A stop that waits in
-        the queue is still executed; no other command is.
-        """
-        for _ in range(_COMMANDS_A_POLL):
-            command = self._gateway_link.command(host_ns)
-            if isinstance(command, StopNow):
-                commands.execute(self._supervisor, command, host_ns)
+        """Ends the connection to a gateway whose message could not be decoded."""
+        self._heed_last_stops(host_ns)
         why = f"the gateway sent {undecodable}"
         self._reporter.undecodable(why, self._clock.now_ns())
         self._supervisor.opening.cancel()
         self._supervisor.end_lease(why, counted="undecodable")
         self._gateway_link.hang_up()
+
+    def _heed_last_stops(self, host_ns: int) -> None:
+        """A stop that waits in the queue is still executed; no other command is."""
+        for _ in range(_COMMANDS_A_POLL):
+            command = self._gateway_link.command(host_ns)
+            if isinstance(command, StopNow):
+                commands.execute(self._supervisor, command, host_ns)
 
     def _watch_stops(self, stops: Sequence[tuple[StopName, bool]], host_ns: int) -> None:
         for name, is_open in stops:

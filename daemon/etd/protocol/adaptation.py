@@ -7,10 +7,13 @@ by how much, calibrations.
 from __future__ import annotations
 
 import datetime
+import math
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+
+from etd.stabilize.said_electrode import fades_a_minute
 
 #: Of the answers that count, the part that says *weaker*, and how many there are at least. Who
 #: feels it as at first, and errs one time of five to either side, says it so often by a chance of
@@ -31,21 +34,26 @@ Count = Annotated[int, Meta(ge=0, le=1_000)]
 
 class MeasuredAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Of the `answers` in the second half of `use_s`, the whole array in use at one strength: how
-    many said that it was `weaker` than at first, and how many `stronger`.
+    many said that it was `weaker` than at first, and how many `stronger`. `weaker_from_s`: the use
+    from which on most of all answers were *weaker*, above `use_s` if none; None: it is not told.
     """
 
     answers: Annotated[int, Meta(ge=1, le=1_000)]
     weaker: Count
     stronger: Count
     use_s: Annotated[float, Meta(ge=1.0, le=86_400.0)]
+    weaker_from_s: Annotated[float, Meta(gt=0.0, le=172_800.0)] | None = None
     date: datetime.date
 
     @property
     def in_words(self) -> str:
-        return (
+        told = (
             f"in the second half of {self.use_s:g} s of use, {self.weaker} of {self.answers}"
             f" answers were weaker, {self.stronger} stronger"
         )
+        if self.weaker_from_s is None or self.weaker_from_s > self.use_s:
+            return told
+        return f"{told}; it was weaker from {self.weaker_from_s:.0f} s on"
 
     def why_not_in(
         self, calibrated: datetime.date, today: datetime.date | None = None
@@ -63,6 +71,8 @@ class MeasuredAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             return f"below {LEAST_WEAKER:.0%} weaker, nothing has to be made up for"
         if self.stronger > MOST_STRONGER * self.answers:
             return f"more than {MOST_STRONGER:.0%} stronger: it goes up and down"
+        if (why := self._why_not_from()) is not None:
+            return why
         if self.date < calibrated:
             return (
                 f"it is of {self.date}, before the calibration that it stands in, of {calibrated}:"
@@ -73,6 +83,16 @@ class MeasuredAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
                 f"it is of {self.date}, and today is {today}: set the clock, or {_AGAIN}; until"
                 " then the engine, which knows no date, goes by it"
             )
+        return None
+
+    def _why_not_from(self) -> str | None:
+        """Why it cannot have been weaker from then on."""
+        if self.weaker_from_s is None:
+            return None
+        if self.weaker_from_s > self.use_s:
+            return f"weaker_from_s, {self.weaker_from_s:g} s, is after the last of these answers"
+        if self.weaker_from_s < self.use_s / (2 * self.answers + 2):
+            return f"weaker_from_s, {self.weaker_from_s:g} s, is before the first answer"
         return None
 
 
@@ -91,11 +111,18 @@ def why_not_raised(
     return None if why is None else f"{adaptation.in_words}: {why}"
 
 
-def raises_in_words(why_not: str | None) -> str:
+def raises_in_words(why_not: str | None, adaptation: MeasuredAdaptation | None) -> str:
     """What follows of it, at a body site that allows it."""
     if why_not is not None:
         return f"the person's word raises nothing: {why_not}"
     return (
         "the person's word may raise levels, by at most 5 % a minute and 20 % in all, at a body"
-        " site that allows it (felt_may_raise)"
+        f" site that allows it (felt_may_raise); {_good_in_words(adaptation)}"
     )
+
+
+def _good_in_words(adaptation: MeasuredAdaptation | None) -> str:
+    if adaptation is None or adaptation.weaker_from_s is None:
+        return f"good raises nothing, since it is not told how fast use is felt less: {_AGAIN}"
+    part = math.exp(fades_a_minute(adaptation.weaker_from_s)) - 1.0
+    return f"good makes up for {part:.1%} a minute of use"

@@ -15,6 +15,7 @@ import errno
 import os
 import select
 import socket
+from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
@@ -258,6 +259,8 @@ class Channel(Generic[In]):
         self._poller.register(connection, select.POLLIN)
         self._decoder: msgspec.msgpack.Decoder[In] = msgspec.msgpack.Decoder(incoming)
         self.is_open = True
+        #: Read when the other end was found to be gone: a stop may be among it.
+        self._left: deque[bytes] = deque()
         self.dropped = 0
         self.received_bytes = 0
 
@@ -288,12 +291,25 @@ class Channel(Generic[In]):
             if error.errno in (errno.EMSGSIZE, errno.ENOBUFS):
                 self.dropped += 1
             else:
+                self._keep_what_has_come()
                 self.close()
             return False
         return True
 
+    def _keep_what_has_come(self) -> None:
+        """No more than the kernel's buffer holds."""
+        with contextlib.suppress(OSError):
+            while data := self._socket.recv(MAX_DATAGRAM_BYTES):
+                self._left.append(data)
+
     def receive(self) -> In | None:
-        """The next message, or None. Raises: Undecodable for bytes that are none."""
+        """The next message, or None; also what had come before the other end was gone. Raises:
+        Undecodable for bytes that are none.
+        """
+        if self._left:
+            data = self._left.popleft()
+            self.received_bytes += len(data)
+            return decoded(self._decoder, data)
         if not self.is_open or not self._poller.poll(0):
             return None
         try:
@@ -337,10 +353,14 @@ def socket_paths(folder: Path) -> tuple[Path, Path]:
 
 
 class Listener:
-    """The engine's end: waits for the one gateway on both sockets, never blocking."""
+    """The engine's end: waits for the one gateway on both sockets, never blocking.
+    `is_of_one_user`: gateway and engine are; else the gateway's user is in the folder's group, and
+    no others are.
+    """
 
-    def __init__(self, folder: Path) -> None:
-        self._listening = [_listen(path, folder.name) for path in socket_paths(folder)]
+    def __init__(self, folder: Path, *, is_of_one_user: bool = False) -> None:
+        mode = 0o600 if is_of_one_user else 0o660
+        self._listening = [_listen(path, folder.name, mode) for path in socket_paths(folder)]
 
     def accept(self) -> tuple[Channel[ToEngine], Channel[NewFrame]] | None:
         """Both channels of a gateway that has connected, or None."""
@@ -365,13 +385,13 @@ class Listener:
             listening.close()
 
 
-def _listen(path: Path, name: str) -> socket.socket:
+def _listen(path: Path, name: str, mode: int) -> socket.socket:
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
         if _is_answered(path):
             raise AlreadyRunning(name, f"its engine answers at {path}")
         path.unlink(missing_ok=True)
-        with _group_only():
+        with _created_with(mode):
             listening.bind(str(path))
         listening.listen(1)
         listening.setblocking(False)
@@ -382,9 +402,9 @@ def _listen(path: Path, name: str) -> socket.socket:
 
 
 @contextlib.contextmanager
-def _group_only() -> Iterator[None]:
-    """A socket has mode 0660 from the start: a change of it later could follow a link."""
-    before = os.umask(0o117)
+def _created_with(mode: int) -> Iterator[None]:
+    """A socket has its mode from the start: a change of it later could follow a link."""
+    before = os.umask(0o777 & ~mode)
     try:
         yield
     finally:
@@ -393,20 +413,26 @@ def _group_only() -> Iterator[None]:
 
 def _is_answered(path: Path) -> bool:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        probe.setblocking(False)
         try:
             probe.connect(str(path))
+        except BlockingIOError:
+            return True  # by an engine that others wait for already
         except OSError:
             return False
     return True
 
 
 def connect(folder: Path) -> tuple[Channel[ToGateway], Channel[ToGateway]] | None:
-    """The gateway's end: both channels, or None while no engine listens there."""
+    """The gateway's end: both channels, or None while no engine listens there, or others wait for
+    it already: waiting behind them, a gateway would hear no stop and no signal.
+    """
     opened: list[socket.socket] = []
     try:
         for path in socket_paths(folder):
             connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             opened.append(connection)
+            connection.setblocking(False)
             connection.connect(str(path))
     except OSError:
         for connection in opened:

@@ -214,7 +214,7 @@ class HelloReply(Success, frozen=True, kw_only=True):
     shape: Shape = PLAIN
     #: The stabilizers of the body site, in their order.
     stabilizers: tuple[str, ...] = ()
-    #: Whether *too weak* may raise a level above the frame's own, by the body site.
+    #: Whether the person's word may raise a level above the frame's own, by the body site.
     felt_may_raise: bool = False
     #: Whether frames that name no polarity get both phases where one would leave too much direct
     #: current, by the body site.

@@ -117,7 +117,7 @@ class PulseBounds:
     the `prepulse_us` that the body site leaves for a prepulse. `cap_led_part`: of a cap's current,
     what led into the pulses that it was accepted with; 0: they were plain ones. Current and charge
     are clamped, and reported, together with the limits (`safety/limits.py`). `raised_ua` and
-    `raised_pc`: what they may rise to where the person says that it is too weak; 0: not at all.
+    `raised_pc`: what they may rise to by the person's word; 0: not at all.
     """
 
     __slots__ = (
@@ -150,6 +150,11 @@ class PulseBounds:
         self.cap_led_part: Final = cap_led_part
         self.raised_ua: Final = raised_ua
         self.raised_pc: Final = raised_pc
+
+    @property
+    def may_be_raised(self) -> bool:
+        """By the person's word."""
+        return self.raised_ua > 0
 
     def capped_pc(self, cap_ua: float) -> int:
         """The charge of a cap, with the prepulse of the pulses it was accepted with."""

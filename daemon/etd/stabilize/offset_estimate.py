@@ -14,6 +14,7 @@ All figures are by design, tuned on fingers 1, 2, 4, 31 and 41 to 44 of modelled
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, Literal
 
 #: What a person says of the strength.
@@ -22,7 +23,7 @@ Answer = Literal["too_weak", "good", "too_strong"]
 _STEP: Final = 0.05
 _GRID: Final = tuple(number * _STEP for number in range(-26, 27))
 #: Before anything was said: how likely the strength is as it was calibrated, and how far it is off
-#: then, and otherwise. It is off to either side alike: *good* by itself then raises nothing.
+#: then, and otherwise. It is off to either side alike: *good* by itself then says nothing more.
 _AS_CALIBRATED: Final = 0.7
 _SIGMA_CALIBRATED: Final = 0.05
 _SIGMA_OTHERWISE: Final = 0.35
@@ -33,6 +34,7 @@ _EDGE: Final = 0.05
 _RIGHT: Final = 0.8
 _WRONG: Final = (1.0 - _RIGHT) / 2.0
 _FORGOTTEN_NS: Final = 600_000_000_000
+_GROWN: Final = tuple([math.exp(wanted / _EDGE) for wanted in _GRID])
 
 
 def _bell(sigma: float) -> tuple[float, ...]:
@@ -63,17 +65,24 @@ class OffsetEstimate:
 
     def hear(self, answer: Answer, offset: float, now_ns: int) -> None:
         """Takes an answer that was given about the strength at this offset."""
-        kept = self._kept(now_ns)
-        weights = [
-            (kept * weight + (1.0 - kept) * prior) * likelihood(answer, offset - wanted)
-            for weight, prior, wanted in zip(self._weights, _PRIOR, _GRID, strict=True)
-        ]
-        total = sum(weights)
-        self._weights = tuple([weight / total for weight in weights])
-        self._mean = sum(
-            weight * wanted for weight, wanted in zip(self._weights, _GRID, strict=True)
-        )
-        self._said_ns = now_ns
+        self.hear_each([self], answer, [offset], now_ns)
+
+    @staticmethod
+    def hear_each(
+        estimates: Sequence[OffsetEstimate], answer: Answer, offsets: Sequence[float], now_ns: int
+    ) -> None:
+        """Each of them. An engine hears a word about 256 electrodes between two pulses: those that
+        are alike are reckoned once.
+        """
+        # With the weights of before, so that their identity stays theirs.
+        found: dict[tuple[int, float, float], tuple[object, tuple[float, ...], float]] = {}
+        for each, offset in zip(estimates, offsets, strict=True):
+            before, kept = each._weights, each._kept(now_ns)
+            alike = id(before), kept, offset
+            if alike not in found:
+                found[alike] = before, *_after(before, kept, answer, offset)
+            _, each._weights, each._mean = found[alike]
+            each._said_ns = now_ns
 
     def _kept(self, now_ns: int) -> float:
         """How much of what was said still counts."""
@@ -96,3 +105,36 @@ def _rightly(answer: Answer, above: float) -> float:
 def _beyond(by: float) -> float:
     # A logistic edge; by `tanh`, which does not overflow however far it is.
     return 0.5 + 0.5 * math.tanh(0.5 * by / _EDGE)
+
+
+def _after(
+    weights: Sequence[float], kept: float, answer: Answer, offset: float
+) -> tuple[tuple[float, ...], float]:
+    """The weights after an answer, and their mean."""
+    known = [
+        (kept * weight + (1.0 - kept) * prior) * right
+        for weight, prior, right in zip(weights, _PRIOR, _likelihoods(answer, offset), strict=True)
+    ]
+    total = sum(known)
+    after = tuple([weight / total for weight in known])
+    return after, sum([weight * wanted for weight, wanted in zip(after, _GRID, strict=True)])
+
+
+def _likelihoods(answer: Answer, offset: float) -> list[float]:
+    """`likelihood` for the whole grid, whose edges are one exponential, times those of the grid."""
+    right = _RIGHT - _WRONG
+    strong = _exponential((BAND - offset) / _EDGE)
+    weak = _exponential((BAND + offset) / _EDGE)
+    if answer == "too_strong":
+        return [_WRONG + right / (1.0 + strong * grown) for grown in _GROWN]
+    if answer == "too_weak":
+        return [_WRONG + right / (1.0 + weak / grown) for grown in _GROWN]
+    return [
+        _WRONG + right * (1.0 - 1.0 / (1.0 + strong * grown) - 1.0 / (1.0 + weak / grown))
+        for grown in _GROWN
+    ]
+
+
+def _exponential(power: float) -> float:
+    # Far beyond the grid there is no difference, and no number either.
+    return math.exp(min(max(power, -600.0), 600.0))

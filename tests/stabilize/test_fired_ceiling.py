@@ -1,0 +1,122 @@
+"""What an electrode gets after *too strong* of a pulse that another limit had lowered."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etd.stabilize.fired_ceiling import FiredCeiling
+from etd.stabilize.said_electrode import LETS_RISE_NS, MINUTE_NS, RISE_A_MINUTE
+
+FIRED_UA, NOW_NS = 1_000.0, 7 * MINUTE_NS
+
+
+def lowered(left: float = 0.8) -> FiredCeiling:
+    return FiredCeiling(FIRED_UA, left, NOW_NS)
+
+
+def test_each_word_takes_of_what_was_fired_or_is_left() -> None:
+    made = lowered()
+    assert made.most_ua == pytest.approx(800.0)
+    made.lower(FIRED_UA, 0.5, NOW_NS)
+    assert made.most_ua == pytest.approx(400.0), "no pulse was fired in between"
+    made.lower(300.0, 0.5, NOW_NS)
+    assert made.most_ua == pytest.approx(150.0)
+
+
+def test_within_a_minute_nothing_rises_and_then_with_a_pulse() -> None:
+    made = lowered()
+    assert made.let_rise(NOW_NS + 1, is_weak=False)
+    made.rise(NOW_NS + MINUTE_NS - 1)
+    assert made.most_ua == pytest.approx(800.0)
+    made.rise(NOW_NS + MINUTE_NS)
+    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE)
+    made.rise(NOW_NS + 3 * MINUTE_NS)
+    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE), "a word is for one rise"
+
+
+def test_a_pulse_that_ended_before_the_word_raises_nothing() -> None:
+    """It was under way when the word was heard."""
+    made = lowered()
+    made.rise(NOW_NS - 1)
+    assert made.most_ua == pytest.approx(800.0)
+
+
+def test_a_word_is_forgotten() -> None:
+    made = lowered()
+    made.let_rise(NOW_NS + 1, is_weak=True)
+    made.rise(NOW_NS + 1 + LETS_RISE_NS)
+    assert made.most_ua == pytest.approx(800.0)
+    made.let_rise(NOW_NS + MINUTE_NS - 2, is_weak=True)
+    made.rise(NOW_NS + MINUTE_NS - 3 + LETS_RISE_NS)
+    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE)
+
+
+def test_too_strong_ends_what_an_earlier_word_lets_rise() -> None:
+    made = lowered()
+    made.let_rise(NOW_NS + 1, is_weak=True)
+    made.lower(800.0, 0.5, NOW_NS + 2)
+    made.rise(NOW_NS + 2 + MINUTE_NS)
+    assert made.most_ua == pytest.approx(400.0)
+
+
+def test_good_reaches_what_was_too_strong_and_no_more() -> None:
+    made, now_ns = lowered(), NOW_NS
+    for _ in range(4):
+        now_ns += MINUTE_NS
+        assert made.let_rise(now_ns, is_weak=False)
+    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE**4)
+    made.let_rise(now_ns + MINUTE_NS, is_weak=False)
+    assert made.most_ua == pytest.approx(FIRED_UA)
+    assert not made.let_rise(now_ns + 2 * MINUTE_NS, is_weak=False)
+    assert made.let_rise(now_ns + 3 * MINUTE_NS, is_weak=True)
+    assert made.most_ua == pytest.approx(FIRED_UA * RISE_A_MINUTE)
+    assert not made.let_rise(now_ns + 4 * MINUTE_NS, is_weak=False)
+    assert made.most_ua == pytest.approx(FIRED_UA * RISE_A_MINUTE), "good lowers nothing"
+
+
+def test_good_reaches_what_the_last_word_was_of() -> None:
+    made = lowered()
+    made.lower(800.0, 0.9, NOW_NS)
+    for minute in range(1, 9):
+        made.let_rise(NOW_NS + minute * MINUTE_NS, is_weak=False)
+    assert made.most_ua == pytest.approx(800.0)
+
+
+def test_two_words_in_a_minute_share_its_room() -> None:
+    made = lowered()
+    for second in (60, 80, 119):
+        made.let_rise(NOW_NS + second * MINUTE_NS // 60, is_weak=True)
+    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE)
+    made.rise(NOW_NS + 2 * MINUTE_NS)
+    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE**2)
+
+
+@given(
+    steps=st.lists(
+        st.tuples(
+            st.integers(0, 2 * MINUTE_NS),
+            st.sampled_from(["good", "too_weak", "too_strong", "pulse"]),
+        ),
+        max_size=40,
+    )
+)
+def test_in_any_minute_it_rises_by_a_twentieth_at_most(steps: list[tuple[int, str]]) -> None:
+    made, now_ns = lowered(), NOW_NS
+    was: list[tuple[int, float]] = [(now_ns, made.most_ua)]
+    for after_ns, what in steps:
+        now_ns += after_ns
+        if what == "too_strong":
+            made.lower(made.most_ua, 0.95, now_ns)
+        elif what == "pulse":
+            made.rise(now_ns)
+        else:
+            made.let_rise(now_ns, is_weak=what == "too_weak")
+        now_ua = made.most_ua
+        lately = [ua for at_ns, ua in was if now_ns - at_ns < MINUTE_NS]
+        for before_ua in lately:
+            assert math.log(now_ua / before_ua) <= math.log(RISE_A_MINUTE) + 1e-9
+        was.append((now_ns, now_ua))
