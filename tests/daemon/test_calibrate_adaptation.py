@@ -23,13 +23,15 @@ from etd.calibrate.adaptation import (
     currents_in_use,
     in_use,
     take_down_from_use,
+    take_down_on_the_way,
 )
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Presentation, Question
+from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.person import Felt, ResponseModel, SimulatedPerson
 from etd.calibrate.progress import Progress
 from etd.calibrate.reach import RISE
 from etd.calibrate.stimulator import Delivered
-from etd.calibrate.trial import Stopped
+from etd.calibrate.trial import Stopped, TooStrongSaid
 from etd.protocol.calibration import Calibration, current_of_level
 from etd.protocol.errors import DaemonGone
 
@@ -56,7 +58,7 @@ class UsedSkin:
         self.now_s += self._shown_s
         electrode = max(currents_ua, key=currents_ua.__getitem__)
         begun_ns = int(self.shown[-1][0] * 1e9)
-        return Delivered(electrode, currents_ua[electrode], None, begun_ns)
+        return Delivered(electrode, currents_ua[electrode], None, begun_ns, rate_hz=47.4)
 
     def sense(self, electrode: int) -> Felt:
         assert electrode == 2, "the one with the highest current stands for all"
@@ -147,6 +149,28 @@ def test_the_second_half_of_the_answers_counts() -> None:
     assert found.why_not_in(TODAY) is None
 
 
+@pytest.mark.parametrize(
+    ("answers", "first"),
+    [
+        (in_turn((10, "same"), (30, "weaker")), 11),
+        (in_turn((11, "same"), (29, "weaker")), 12),
+        (in_turn((40, "weaker")), 1),
+        # An error on either side of it moves nothing.
+        (in_turn((2, "same"), (1, "weaker"), (7, "same"), (29, "weaker"), (1, "same")), 11),
+        # *Stronger* is as little *weaker* as *same* is.
+        (in_turn((10, "stronger"), (30, "weaker")), 11),
+        # Of two that explain it alike, the later one: less is made up for.
+        (in_turn((4, "same"), (1, "weaker"), (1, "same"), (34, "weaker")), 7),
+        (in_turn((40, "same")), 41),
+    ],
+)
+def test_it_is_weaker_from_where_the_fewest_answers_are_errors(
+    answers: list[Answer], first: int
+) -> None:
+    found = adaptation_of(answers, USE_S, TODAY)
+    assert found.weaker_from_s == pytest.approx(first * USE_S / QUESTIONS)
+
+
 def test_each_question_is_told_of_with_what_was_shown_last() -> None:
     skin, shown, told = UsedSkin(), list[Presentation](), list[Presentation]()
     in_use(
@@ -156,6 +180,7 @@ def test_each_question_is_told_of_with_what_was_shown_last() -> None:
     assert shown == told
     assert len(told) == QUESTIONS
     assert all(one.is_whole and one.electrode == 2 for one in told)
+    assert {one.rate_hz for one in told} == {47.4}, "as it was shown"
     assert {(one.current_ua, one.commanded_ua) for one in told} == {(1_700, 1_700)}
     assert [one.begun_ns for one in told] == [int(at_s * 1e9) for at_s, _ in skin.shown[1::2]]
 
@@ -227,6 +252,71 @@ def test_too_strong_counts_where_a_key_ends_it_before_it_is_certain(ending: Answ
     assert ended.value.answer == ending
     assert skin.is_stopped == (ending == "stop")
     assert told == [30]
+
+
+@pytest.mark.parametrize("asked_before", range(3))
+def test_too_strong_by_a_word_that_answers_nothing_counts_once(asked_before: int) -> None:
+    """At a question: of use, of use again, or whether a key has slipped: then it counts already."""
+
+    class Told(Says):
+        def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
+            if len(self.asked_s) == asked_before:
+                raise TooStrongSaid
+            return super().answer(question, keep)
+
+    skin, told = UsedSkin(), []
+    with pytest.raises(TooStrongSaid):
+        in_use(
+            skin, Told(skin, ["same", "too_strong"]), CURRENTS_UA, USE_S, lambda: skin.now_s,
+            on_too_strong=lambda: told.append(len(skin.shown)),
+        )  # fmt: skip
+    assert told == [15 * min(asked_before + 1, 2)]
+
+
+def test_too_strong_by_a_word_counts_while_it_is_in_use() -> None:
+    class Told(UsedSkin):
+        def pause(self, seconds: float) -> None:
+            if len(self.shown) == 7:
+                raise TooStrongSaid
+            super().pause(seconds)
+
+    skin, told = Told(), []
+    with pytest.raises(TooStrongSaid):
+        in_use(
+            skin, Says(skin, ["same"]), CURRENTS_UA, USE_S, lambda: skin.now_s,
+            on_too_strong=lambda: told.append(len(skin.shown)),
+        )  # fmt: skip
+    assert told == [7]
+
+
+@pytest.mark.parametrize(
+    ("times", "accepted_ua", "left"),
+    [
+        # Of a presentation that is in doubt, whatever was accepted before it.
+        (1.5, None, 1.0 / 1.5),
+        (1.5, 2_000, 1.0 / 1.5),
+        # After its answer: a step below it.
+        (None, 2_000, 2_000 / 2_222 / RISE),
+        # Nothing was presented yet, or it is taken down already.
+        (None, None, 1.0),
+    ],
+)
+def test_what_a_word_calls_too_strong_on_the_way_up_takes_the_levels_below_it(
+    times: float | None, accepted_ua: int | None, left: float
+) -> None:
+    low = replace(FOUND, threshold_ua=100)
+    doubt = None if times is None else InDoubt(electrode=0, times=times)
+    whole = Progress(conditions=ROW, found={0: low, 1: low}, in_doubt=doubt)
+    # All together were accepted in the answer before the word.
+    whole.is_whole_accepted = True
+    accepted = None
+    if accepted_ua is not None:
+        accepted = Presentation(0, accepted_ua, accepted_ua, 0, is_whole=True)
+    take_down_on_the_way(whole, accepted)
+    assert whole.is_whole_accepted == (left == 1.0)
+    for limits in whole.found.values():
+        assert limits.comfortable_ua == pytest.approx(low.comfortable_ua * left, abs=1)
+        assert limits.cap_ua == pytest.approx(low.cap_ua * left, abs=1)
 
 
 @pytest.mark.parametrize("ended", [DaemonGone("main", "it was ended"), KeyboardInterrupt()])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import itertools
 import json
 import random
@@ -15,36 +14,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from calibrate_scenes import ROW
+import calibrate_scenes
+from calibrate_scenes import BASELINE, EQUAL, REFERENCE, ROW, TODAY
 from etd.calibrate.answers import ANSWERS, Answer, Question
-from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
 from etd.calibrate.reach import Reach
 from etd.calibrate.stimulator import Delivered
 from etd.calibrate.trial import Stopped
-from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import FileError, Refused
 from noisy_skin import NoisySkin
 
-TODAY = datetime.date(2025, 3, 4)
 EACH = range(4)
-REFERENCE = 1
-EQUAL = replace(ROW, method="equalize", reference=REFERENCE, baseline="P01")
-BASELINE = Calibration(
-    participant="P01",
-    body_site="fingertip",
-    array="row",
-    polarity="anodic",
-    width_us=100,
-    rate_hz=60.0,
-    returns="all",
-    date=TODAY,
-    program="test",
-    electrode=tuple(
-        ElectrodeLimits(threshold_ua=1_000, comfortable_ua=1_700, cap_ua=2_000) for _ in EACH
-    ),
-)
 
 
 class Says:
@@ -67,18 +49,8 @@ class Says:
         return False
 
 
-class Sittings:
-    """One calibration over several days: what is kept between them is in a file."""
-
-    def __init__(self, folder: Path, conditions: Conditions = ROW) -> None:
-        self.path = folder / "P01.json"
-        self.skin = NoisySkin(4, 5)
-        self.left: dict[int, str] = {}
-        self._conditions = conditions
-
-    @property
-    def kept(self) -> Progress:
-        return load_progress(self.path, self._conditions)
+class Sittings(calibrate_scenes.Sittings):
+    """Each until it is paused or over."""
 
     def sit(
         self,
@@ -86,17 +58,9 @@ class Sittings:
         electrodes: Iterable[int] = EACH,
         look: Callable[[Question], None] = lambda _: None,
     ) -> list[tuple[int, int]]:
-        """Until it is paused or over. What was presented, by electrode and current."""
+        """What was presented, by electrode and current."""
         before = len(self.skin.presented)
-        progress = self.kept if self.path.exists() else Progress(conditions=self._conditions)
-        course = Course(
-            progress,
-            self.skin,
-            Says(answers, look),
-            lambda: TODAY,
-            baseline=BASELINE if self._conditions.reference is not None else None,
-            on_progress=lambda now: save_progress(self.path, now),
-        )
+        course = self.course(Says(answers, look))
         try:
             course.run(tuple(electrodes))
         except Stopped:
@@ -133,7 +97,7 @@ def test_it_is_in_the_file_before_anything_else_is_presented(tmp_path: Path) -> 
 
     sittings.skin.meanwhile = look
     (_, hurt_ua), *_ = sittings.sit(["too_strong", "pause"])
-    assert in_file == [None, {0: int(hurt_ua / 1.1)}]
+    assert in_file == [{}, {0: int(hurt_ua / 1.1)}]
 
 
 def test_an_electrode_that_did_not_settle_is_tried_again_below_it(tmp_path: Path) -> None:
@@ -226,7 +190,7 @@ def test_it_is_asked_again_whether_it_was_too_strong_and_kept_until_it_was_not(
     )  # fmt: skip
     with pytest.raises(Stopped):
         course.run(EACH)
-    assert asked[:2] == [(Question("strength", 0), None), (Question("sure", 0), {0: 181})]
+    assert asked[:2] == [(Question("strength", 0), {}), (Question("sure", 0), {0: 181})]
     assert load_progress(path, ROW).lowered_ua == kept
     assert len(skin.presented) == 2, "the second question is about the same presentation"
 

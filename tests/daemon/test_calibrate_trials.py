@@ -10,9 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from msgspec.structs import replace
 
-from calibrate_scenes import ROW
+from calibrate_scenes import BASELINE, EQUAL, ROW, TODAY
 from etd.calibrate.answers import Answer, Ask, Presentation, Question
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.course import Course
@@ -25,27 +24,12 @@ from etd.calibrate.progress import (
 )
 from etd.calibrate.trial import Stopped
 from etd.cli.trials_file import COLUMNS, TrialsFile, new_trials_path
-from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.errors import FileError, Refused
 from noisy_skin import NoisySkin
 
-TODAY = datetime.date(2025, 3, 4)
 BEGUN = datetime.datetime(2025, 3, 4, 15, 6, 7, tzinfo=datetime.UTC)
 WALL_NS = 1_741_100_000_000_000_000
 Trial = tuple[Presentation, Ask, Answer | None]
-BASELINE = Calibration(
-    participant="P01",
-    body_site="fingertip",
-    array="row",
-    polarity="anodic",
-    width_us=100,
-    rate_hz=60.0,
-    returns="all",
-    date=TODAY,
-    program="test",
-    electrode=(ElectrodeLimits(threshold_ua=1_000, comfortable_ua=1_700, cap_ua=2_000),) * 4,
-)
-EQUAL = replace(ROW, method="equalize", reference=1, baseline="P01")
 
 
 class Says:
@@ -208,6 +192,23 @@ def test_a_folder_that_takes_no_results_is_told_before_anybody_is_asked(tmp_path
     assert load_progress(path, ROW) == progress
 
 
+def test_of_two_that_begin_in_one_second_each_has_its_own_file(tmp_path: Path) -> None:
+    """Both chose their name before either had a trial."""
+    clock, names = Clock(), []
+    path = new_trials_path(tmp_path, "P01", "pad-8", BEGUN)
+    both = [trials_file(path, clock), trials_file(path, clock), trials_file(path, clock)]
+    for file in both:
+        file.answered(Presentation(0, 200, 198, clock.now_ns), "strength", "felt")
+        file.close()
+        assert file.name is not None
+        names.append(Path(file.name))
+    stem = path.name.removesuffix("_trials.tsv")
+    assert [name.name for name in names] == [
+        path.name, f"{stem}-2_trials.tsv", f"{stem}-3_trials.tsv"
+    ]  # fmt: skip
+    assert [len(rows(name)) for name in names] == [1, 1, 1]
+
+
 def test_what_is_saved_is_of_its_board_and_finger(tmp_path: Path) -> None:
     path = tmp_path / "P01.json"
     save_progress(path, Progress(conditions=ROW, seed=1, made_on="one, finger tender:7"))
@@ -215,8 +216,25 @@ def test_what_is_saved_is_of_its_board_and_finger(tmp_path: Path) -> None:
     for other in ("one", "two, finger tender:7"):
         with pytest.raises(FileError, match=f"is of one, finger tender:7, this board is {other}"):
             load_progress(path, ROW, made_on=other)
+
+
+def test_what_does_not_say_of_which_board_it_is_goes_on_with_none(tmp_path: Path) -> None:
+    """It may be of a fake one."""
+    path = tmp_path / "P01.json"
     save_progress(path, Progress(conditions=ROW, seed=1))
-    assert load_progress(path, ROW, made_on="one").made_on is None
+    with pytest.raises(FileError, match="a board that it does not name, this board is one"):
+        load_progress(path, ROW, made_on="one")
+    assert load_progress(path, ROW).made_on is None
+
+
+def test_a_train_that_was_slower_than_asked_for_is_in_the_file_as_it_was(tmp_path: Path) -> None:
+    path, clock = tmp_path / "trials.tsv", Clock()
+    presented = Presentation(3, 850, 848, begun_ns=0, is_whole=True, rate_hz=47.4)
+    file = trials_file(path, clock)
+    file.answered(presented, "whole", "felt")
+    file.close()
+    (row,) = rows(path)
+    assert (row["rate_hz"], row["duration"]) == ("47.4", "0.211")
 
 
 def test_each_trial_is_in_the_file_before_the_next(tmp_path: Path) -> None:

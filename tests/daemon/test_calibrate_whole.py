@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from calibrate_scenes import ROW
-from etd.calibrate.answers import Answer, Question
+from etd.calibrate.answers import Answer, Presentation, Question
 from etd.calibrate.course import Course
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
@@ -61,6 +61,16 @@ def whole(
     kept = load_progress(path, ROW)
     assert (kept.found, kept.is_whole_accepted) == (progress.found, progress.is_whole_accepted)
     return skin, kept
+
+
+def test_each_is_told_of_with_the_rate_that_it_was_shown_at() -> None:
+    told: list[Presentation] = []
+    progress = Progress(conditions=ROW, found=dict.fromkeys(range(4), FOUND))
+    course = Course(
+        progress, NoisySkin(4, 5), Says(["felt"]), lambda: TODAY, on_presented=told.append
+    )
+    course.feel_whole()
+    assert {(one.is_whole, one.rate_hz) for one in told} == {(True, 47.4)}
 
 
 def test_all_felt_electrodes_come_together_by_tenths_up_to_level_1(tmp_path: Path) -> None:
@@ -190,5 +200,5 @@ def test_all_together_too_strong_at_every_level_is_told_as_that() -> None:
     while progress.level_1_ua:
         progress.take_down(1.1)
     assert set(progress.below_threshold) == {0, 1}
-    with pytest.raises(FileError, match=r"all together was too strong down to below .* --restart"):
+    with pytest.raises(FileError, match=r"something was too strong down to below .* --restart"):
         finished(progress, TODAY, "test")

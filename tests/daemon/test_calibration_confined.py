@@ -218,7 +218,7 @@ def main(asked, answer, core):
         texts += [b"[a]\\n" * 3_000, b"x = [" + b"[],\\n" * 100_000 + b"]", b"a" * 500_000]
         for at, line in enumerate(lines):
             key, equals, _ = line.partition(" = ")
-            if not equals or at >= 40:
+            if not equals or at >= 25:
                 continue
             changed = [f"{key} = {word}" for word in WORDS]
             for each in (*changed, f"{key}x = 1", f"{line}\\n{line}"):

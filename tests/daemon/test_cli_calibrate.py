@@ -27,6 +27,12 @@ from etd.protocol.facts import ArrayFacts
 pytestmark = pytest.mark.slow
 
 
+@pytest.fixture(autouse=True)
+def _state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each test's own: of two commands for one person the second is refused."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
 class Typed:
     """A keyboard's other end."""
 
@@ -181,7 +187,7 @@ def test_the_picture_shows_what_is_done_and_what_was_presented(
     unfelt = ElectrodeLimits(threshold_ua=777, comfortable_ua=777, cap_ua=777, felt=False)
     progress = Progress(conditions=ROW, found={0: FOUND, 1: unfelt}, presentations=50)
     quiet = Screen(facts, progress, is_quiet=True)
-    quiet.begin()
+    quiet.begin(2)
     quiet.ask(Question("strength", 2))
     quiet.heard("felt")
     quiet.found()
@@ -193,8 +199,13 @@ def test_the_picture_shows_what_is_done_and_what_was_presented(
     ]
 
     screen = Screen(facts, progress, is_quiet=False)
-    screen.begin()
-    assert "method limits: 2 electrodes to do" in capsys.readouterr().out
+    for to_do, expected in (
+        (2, "2 electrodes to do"),
+        (1, "1 electrode to do"),
+        (0, "has a result"),
+    ):
+        screen.begin(to_do)
+        assert expected in capsys.readouterr().out
     screen.ask(Question("strength", 2))
 
     said = capsys.readouterr().out
@@ -277,7 +288,7 @@ def test_the_screen_fits_80_columns(
         presentations=12_345,
     )
     screen = Screen(facts, progress, is_quiet=False, is_blind=is_blind)
-    screen.begin()
+    screen.begin(1)
     last, before = made.count - 1, made.count - 2
     for question in (
         Question("strength", last),

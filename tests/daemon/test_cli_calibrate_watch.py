@@ -55,7 +55,7 @@ def all_of(controller: int) -> bytes:
 def play(watch: Watch, progress: Progress) -> None:
     """Three presentations to the second electrode, which is found then."""
     with watch:
-        watch.begin()
+        watch.begin(3)
         for _ in range(3):
             progress.presentations += 1
             watch.presented(Presentation(1, 850, 848, begun_ns=0))

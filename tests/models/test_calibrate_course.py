@@ -410,7 +410,7 @@ def test_an_electrode_that_cannot_be_presented_is_left_with_the_reason() -> None
     class Loose(NoisySkin):
         def present(self, electrode: int, current_ua: int) -> Delivered:
             if electrode == 1:
-                raise NotDelivered(electrode, "contact_open: 97 of 400 uA")
+                raise NotDelivered(electrode, "contact_open: 97 of 400 uA", 97)
             return super().present(electrode, current_ua)
 
     skin = Loose(3, 21)

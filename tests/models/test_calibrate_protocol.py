@@ -72,6 +72,15 @@ def stimulator(daemon: SteppedDaemon, display: SteppedDisplay, stop_ns: int = 0)
     )
 
 
+def test_what_is_said_by_the_end_of_a_pause_is_heard_before_anything_is_presented(
+    daemon: SteppedDaemon,
+) -> None:
+    display = armed(daemon)
+    stimulating = stimulator(daemon, display, stop_ns=daemon.now_ns() + 400_000_000)
+    with pytest.raises(Stopped):
+        stimulating.pause(0.4)
+
+
 def test_a_presentation_is_so_many_pulses_of_the_current_asked_for(daemon: SteppedDaemon) -> None:
     display = armed(daemon)
     stimulating = stimulator(daemon, display)
@@ -125,6 +134,17 @@ def test_all_electrodes_are_presented_at_once_each_at_its_own_current(
     assert 1_240 <= delivered.current_ua <= 1_250
     assert daemon.engine.components.reporter.counters["pulses"] - before == 70
     display.close()
+
+
+def test_all_electrodes_at_once_may_be_slower_and_it_is_told_how_much() -> None:
+    with SteppedDaemon("grid-8x8") as daemon:
+        display = armed(daemon)
+        stimulating = stimulator(daemon, display)
+        stimulating.open()
+        delivered = stimulating.present_whole(dict.fromkeys(range(64), 700))
+        assert delivered.rate_hz is not None
+        assert 20.0 < delivered.rate_hz < 60.0
+        display.close()
 
 
 def test_a_silent_trial_fires_nothing_and_lasts_as_long_as_others(daemon: SteppedDaemon) -> None:

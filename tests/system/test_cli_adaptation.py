@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
 from msgspec.structs import replace
 
-from command_rig import CommandRig, command_rig
+from command_rig import WITHIN_S, CommandRig, command_rig
 from etd.calibrate.adaptation import QUESTIONS, USE_LEVEL
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
-from etd.protocol.calibration import Calibration, current_of_level
+from etd.protocol.calibration import current_of_level
+from stored_calibrations import exported
 from terminal_rig import AtTerminal
 
 pytestmark = pytest.mark.slow
@@ -137,6 +140,37 @@ def test_what_was_too_strong_in_use_is_stored_before_it_is_asked_whether_it_was(
         assert now.cap_ua < was.cap_ua
 
 
+@pytest.mark.parametrize("is_in_use", [False, True])
+def test_too_strong_by_another_program_takes_the_stored_levels_down(
+    rig: CommandRig, *, is_in_use: bool
+) -> None:
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    path = rig.folder / "P.toml"
+    path.write_text(to_toml(before))
+    asked = ("calibrate", "fake", "--adaptation", "--baseline", "A06", "--as", "A06", "--arm")
+    says = "import etd; etd.Display(max_current_ua=100, width_us=50).felt('too_strong')"
+    with rig.daemon("--array", "pad-8"):
+        assert rig.run("calibration", "import", str(path), "--as", "A06").status == 0
+        at = AtTerminal(rig, *asked, "--use-s", str(QUESTIONS))
+        try:
+            question = "How strong was all of it together?"
+            if is_in_use:
+                Wearer(at).answer(question, *"fffffffff")
+                question = "Is it as strong as at first?"
+            at.command.line_with(question, "stdout")
+            program = [sys.executable, "-c", says]
+            subprocess.run(program, env=rig.environment, check=True, timeout=WITHIN_S)
+            said = at.command.ended()
+        finally:
+            at.close()
+        lowered = exported(rig, "A06")
+    assert said.status == 1, said.err
+    assert "stopped (too strong, by a button, a monitor or another program)" in said.err
+    assert "A06 is stored so" in said.err
+    for was, now in zip(before.electrode, lowered.electrode, strict=True):
+        assert now.cap_ua < was.cap_ua
+
+
 def test_what_is_stored_under_that_name_is_taken_down_from_what_it_is_and_never_rises(
     rig: CommandRig,
 ) -> None:
@@ -211,13 +245,6 @@ def test_what_could_not_be_stored_is_not_said_to_be(rig: CommandRig) -> None:
     assert said.status != 0
     assert "A05 is NOT stored so" in said.err
     assert "is stored so" not in said.err
-
-
-def exported(rig: CommandRig, name: str) -> Calibration:
-    path = rig.folder / f"{name}-exported.toml"
-    path.unlink(missing_ok=True)
-    assert rig.run("calibration", "export", name, str(path)).status == 0
-    return load_calibration(path)
 
 
 def test_what_is_too_strong_on_the_way_up_is_stored_before_anything_comes_again(

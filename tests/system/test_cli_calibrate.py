@@ -10,14 +10,15 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import msgspec
 import pytest
 
 from calibrate_scenes import ROW
-from command_rig import WITHIN_S, CommandRig, command_rig
+from command_rig import WITHIN_S, CommandRig, Said, command_rig
 from etd.calibrate.progress import Progress, save_progress
+from etd.cli import USED_WRONGLY
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import ElectrodeLimits
@@ -34,6 +35,8 @@ def rig() -> Iterator[CommandRig]:
 
 OF_LIMITS = ("--method", "limits", "--seed", str(SEED))
 ON_FAKE = ("--board", "fake", "--array", "pad-8")
+#: As progress on it says so.
+MADE_ON = "kajimoto-hv507 (fake)"
 #: Clients wait for two seconds.
 HELD_UP_S = "3.5"
 ARGUMENTS = ("calibrate", "P01", "--max-current-ua", "2000", "--board", "fake", "--array", "pad-8",
@@ -50,7 +53,7 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     finally:
         at.close()
     assert said.status == 1, said.err
-    assert "halted; the results are saved: the same command continues" in said.err
+    assert "halted; the results are saved; it was stopped at a presentation: " in said.err
     kept = list(rig.folder.glob("state/etd/fake/calibrating/P01.json"))
     assert len(kept) == 1
     (trials,) = rig.folder.glob("P01_pad-8_*_trials.tsv")
@@ -58,6 +61,17 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     _, *rows = trials.read_text().splitlines()
     assert len(rows) == 29, "four were silent, and one was asked about twice"
     assert "\tstop\t" in rows[-1]
+
+    at = AtTerminal(rig, *ARGUMENTS)
+    try:
+        at.command.line_with("It was stopped at or after this one, the last time", "stdout")
+        at.press(b"f")
+        at.command.line_with("How strong was it", "stdout")
+        at.press(b"q")
+        paused = at.command.ended()
+    finally:
+        at.close()
+    assert "paused; the results are saved: the same command continues" in paused.err
 
     out = rig.folder / "P01.toml"
     others = "1,2,3,4,5,6,7"
@@ -140,9 +154,7 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
     finally:
         at.close()
     assert "currents that were too strong are not repeated: electrodes 0" in said.err
-    assert (
-        "paused; no electrode has a result yet; what was too strong is saved: the same" in said.err
-    )
+    assert "what was too strong is saved; it was stopped at a presentation: the same" in said.err
 
     at = AtTerminal(rig, *ARGUMENTS, "--restart")
     try:
@@ -152,7 +164,8 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
         at.close()
     assert "are not repeated" not in anew.err
     assert "paused; no electrode has a result yet: the same command starts again" in anew.err
-    assert not list(rig.folder.glob("state/etd/fake/calibrating/*")), "it is forgotten"
+    (kept,) = rig.folder.glob("state/etd/fake/calibrating/*.json")
+    assert not json.loads(kept.read_text()).get("lowered_ua"), "it is forgotten"
 
 
 def test_what_goes_on_with_it_is_the_command_without_restart(rig: CommandRig) -> None:
@@ -206,7 +219,8 @@ def test_a_whole_array_too_strong_is_told_with_what_is_left_of_the_levels(rig: C
     """Half of level 1 was accepted, the step above it was not."""
     conditions = msgspec.structs.replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000)
     limits = ElectrodeLimits(threshold_ua=500, comfortable_ua=1_600, cap_ua=1_900)
-    progress = Progress(conditions=conditions, seed=SEED, found=dict.fromkeys(range(8), limits))
+    found = dict.fromkeys(range(8), limits)
+    progress = Progress(conditions=conditions, seed=SEED, found=found, made_on=MADE_ON)
     save_progress(rig.folder / "state" / "etd" / "fake" / "calibrating" / "P01.json", progress)
     out = rig.folder / "P01.toml"
     at = AtTerminal(rig, *ARGUMENTS, "--out", str(out))
@@ -231,32 +245,92 @@ def test_an_electrode_that_is_left_out_is_so_though_it_has_a_result(rig: Command
     limits = ElectrodeLimits(threshold_ua=500, comfortable_ua=1_600, cap_ua=1_900)
     tender = ElectrodeLimits(threshold_ua=200, comfortable_ua=300, cap_ua=400)
     found = {**dict.fromkeys(range(8), limits), 3: tender}
-    progress = Progress(conditions=conditions, seed=SEED, found=found, is_whole_accepted=True)
+    progress = Progress(
+        conditions=conditions, seed=SEED, found=found, is_whole_accepted=True, made_on=MADE_ON
+    )
     save_progress(rig.folder / "state" / "etd" / "fake" / "calibrating" / "P01.json", progress)
     out = rig.folder / "P01.toml"
     said = rig.run(*ARGUMENTS, "--leave-out", "3", "--out", str(out), "--json")
     assert said.status == 0, said.err
-    made = load_calibration(out).electrode
+    stored = load_calibration(out)
+    assert stored.modelled is True
+    assert said.answer["calibration"] == json.loads(msgspec.json.encode(stored))
+    made = stored.electrode
     assert made[3] == ElectrodeLimits(threshold_ua=400, comfortable_ua=400, cap_ua=400, felt=False)
     assert {one.cap_ua for one in made if one.felt} == {1_900}
 
 
-@pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])
-def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Signals) -> None:
+def test_what_was_found_on_another_board_is_not_gone_on_with(rig: CommandRig) -> None:
+    """On a fake one of the same name, or on one that is not known."""
+    conditions = msgspec.structs.replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000)
+    path = rig.folder / "state" / "etd" / "fake" / "calibrating" / "P01.json"
+    for made_on in ("kajimoto-hv507 (linux)", None):
+        save_progress(path, Progress(conditions=conditions, seed=SEED, made_on=made_on))
+        said = rig.run(*ARGUMENTS)
+        assert said.status == USED_WRONGLY, said.err
+        assert f"is of {made_on or 'a board that it does not name'}, this board is" in said.err
+
+
+def test_of_two_daemons_of_one_name_neither_goes_on_with_what_is_of_the_other(
+    rig: CommandRig,
+) -> None:
+    """Nor does a second command beside the first: each would undo what was too strong for it."""
+    folders = [str(rig.folder / name) for name in ("d", "e")]
+    asked = ("calibrate", "P03", "--max-current-ua", "2000", "--arm", *OF_LIMITS)
+    with (
+        rig.daemon("--array", "pad-8", "--folder", folders[0]),
+        rig.daemon("--array", "pad-8", "--folder", folders[1]),
+    ):
+        at = AtTerminal(rig, *asked, "--folder", folders[0])
+        try:
+            at.answer("t")
+            beside = rig.run(*asked, "--folder", folders[1])
+            at.answer("q")
+            at.command.ended()
+        finally:
+            at.close()
+        there = rig.run(*asked, "--folder", folders[1])
+    assert f"process {at.process.pid} calibrates P03" in beside.err
+    assert f"daemon ipc://{folders[0]}/control.sock, this board is" in there.err
+    assert (beside.status, there.status) == (USED_WRONGLY, USED_WRONGLY)
+    (kept,) = rig.folder.glob("state/etd/main/calibrating/P03.json")
+    assert json.loads(kept.read_text())["lowered_ua"] == {"0": 181}
+
+
+def ended_at_a_question(rig: CommandRig, by: Callable[[AtTerminal], object]) -> Said:
+    """At the second one, on a daemon of the operator's: it is halted, and asked about next time."""
     with rig.daemon("--array", "pad-8"):
         at = AtTerminal(rig, "calibrate", "P01", "--max-current-ua", "2000", *OF_LIMITS)
         try:
             at.command.line_with("waiting for the operator")
             assert rig.run("arm").status == 0
             at.answer("n")
-            at.process.send_signal(ending)
+            at.command.line_with("How strong was it", "stdout")
+            by(at)
             said = at.command.ended()
         finally:
             at.close()
-        assert said.status == 128 + ending, said.err
-        anew = "halted, until `etd clear`; no electrode has a result yet: the same command starts"
-        assert anew in said.err
+        assert "halted, until `etd clear`; no electrode has a result yet; it was" in said.err
+        assert "the same command asks first whether that was too strong" in said.err
         assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
+    return said
+
+
+@pytest.mark.parametrize("ending", [signal.SIGHUP, signal.SIGTERM])
+def test_a_terminal_that_goes_away_is_a_stop(rig: CommandRig, ending: signal.Signals) -> None:
+    said = ended_at_a_question(rig, lambda at: at.process.send_signal(ending))
+    assert said.status == 128 + ending, said.err
+
+
+def test_too_strong_by_another_program_stops_it_and_is_asked_about(rig: CommandRig) -> None:
+    def another_program(_: AtTerminal) -> None:
+        says = "import etd; etd.Display(max_current_ua=100, width_us=50).felt('too_strong')"
+        program = [sys.executable, "-c", says]
+        subprocess.run(program, env=rig.environment, check=True, timeout=WITHIN_S)
+
+    said = ended_at_a_question(rig, another_program)
+    assert said.status == 1, said.err
+    assert "stopped (too strong, by a button, a monitor or another program)" in said.err
 
 
 def test_a_stop_is_told_as_json_where_the_answer_is_to_be(rig: CommandRig) -> None:
@@ -292,7 +366,7 @@ def test_a_simulated_person_is_waited_for_with_a_bar_on_the_terminal(rig: Comman
         process.wait(WITHIN_S)
     assert "method limits: 8 electrodes to do, at least half a minute each" in drawn
     assert "0 of 8 electrodes, 1 presentations" in drawn
-    assert "no electrode has a result yet" in drawn_until(terminal, "starts again")
+    assert "no electrode has a result yet" in drawn_until(terminal, "the same command")
     assert (process.returncode, out) == (130, b"")
     os.close(terminal)
 

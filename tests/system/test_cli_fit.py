@@ -23,6 +23,7 @@ from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd_hal.compose import wall_time
+from stored_calibrations import exported, import_as
 from terminal_rig import AtTerminal
 
 pytestmark = pytest.mark.slow
@@ -66,12 +67,15 @@ def saved(
             threshold_ua = max(20.0, min(2_000.0, 600.0 * moved))
             asked.append(Asked(electrode, state, at_s, threshold_ua, ohm))
     path = rig.folder / "state" / "etd" / daemon / "calibrating" / "K01.fit.json"
+    where = f", daemon ipc://{rig.folder}/run/etd/main/control.sock" if daemon == "main" else ""
+    made_on = f"kajimoto-hv507 (fake){where}"
     progress = FitProgress(
         conditions=conditions,
         electrodes=electrodes,
         seed=1,
         board="kajimoto-hv507",
         leak_ohm=66_000,
+        made_on=made_on,
         states=states,
         asked=asked,
     )
@@ -182,6 +186,32 @@ def test_what_was_too_strong_in_a_fit_is_taken_from_the_calibration_at_once(
     assert after.is_whole_accepted is None
 
 
+@pytest.mark.parametrize(("felt", "named"), [(8, ("--electrodes", "0,1,2,3,4,5")), (4, ())])
+def test_the_same_command_continues_where_too_strong_has_left_an_electrode_no_room(
+    rig: CommandRig, felt: int, named: tuple[str, ...]
+) -> None:
+    before = shipped()
+    unfelt = tuple(replace(one, felt=False) for one in before.electrode[felt:])
+    before = replace(before, electrode=(*before.electrode[:felt], *unfelt))
+    asked = ("calibrate", "fake", "--fit", "--baseline", "K02", "--as", "K02", *LIMIT, "--seed=1")
+    with rig.daemon("--array", "pad-8"):
+        import_as(rig, before, "K02")
+        said = too_strong_once(rig, (*asked, *named))
+        assert "the same command continues" in said.err
+        was, now = the_lowered(before, exported(rig, "K02"))
+        assert (was.felt, now.felt) == (True, False)
+        again = AtTerminal(rig, *asked, *named, "--arm")
+        try:
+            again.command.line_with("continuing: states that are over: 0")
+            assert again.command.line() == ""
+            again.command.line_with("Then any key", "stdout")
+        finally:
+            again.close()
+        others = rig.run(*asked, "--electrodes", "0,1,2,3")
+    is_of_others = "K02.fit.json: electrodes: it was begun with others"
+    assert (is_of_others in others.err) == (felt == 8), others.err
+
+
 def test_a_calibration_that_a_new_fit_is_to_replace_keeps_its_k_until_then(rig: CommandRig) -> None:
     """Its electrode is lower, no other is as the baseline has it."""
     had = replace(shipped(), exponent=exponent(0.6))
@@ -259,19 +289,6 @@ def test_what_a_run_before_could_not_store_is_stored_before_anything_is_shown(
 
 def shipped() -> Calibration:
     return load_calibration(resources.find("calibrations", BASELINE))
-
-
-def import_as(rig: CommandRig, made: Calibration, name: str) -> None:
-    path = rig.folder / "imported.toml"
-    path.write_text(to_toml(made))
-    assert rig.run("calibration", "import", str(path), "--as", name).status == 0
-
-
-def exported(rig: CommandRig, name: str) -> Calibration:
-    path = rig.folder / f"{name}-exported.toml"
-    path.unlink(missing_ok=True)
-    assert rig.run("calibration", "export", name, str(path)).status == 0
-    return load_calibration(path)
 
 
 def too_strong_once(rig: CommandRig, asked: tuple[str, ...]) -> Said:

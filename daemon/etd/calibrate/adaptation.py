@@ -23,7 +23,7 @@ from etd.calibrate.asking import Presenter
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.progress import Progress
 from etd.calibrate.reach import RISE
-from etd.calibrate.trial import Stopped
+from etd.calibrate.trial import Stopped, TooStrongSaid
 from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import Calibration, current_of_level
 from etd.protocol.errors import EtdError
@@ -59,6 +59,20 @@ def take_down_from_use(accepted: Progress, gamma: float) -> None:
     accepted.is_whole_accepted = False
 
 
+def take_down_on_the_way(whole: Progress, accepted: Presentation | None) -> None:
+    """*Too strong* was said while it was brought up: of what is in doubt; or else of what was
+    `accepted` just before, where that is so: its answer was given, and the word came after it.
+    """
+    times = None
+    if whole.in_doubt is not None:
+        times = whole.in_doubt.times
+    elif accepted is not None:
+        times = RISE * whole.level_1_ua[accepted.electrode] / accepted.current_ua
+    if times is not None:
+        whole.take_down(times)
+        whole.is_whole_accepted = False
+
+
 def currents_in_use(accepted: Progress, gamma: float) -> dict[int, int]:
     """In uA, by electrode that has a level 1: of the levels that were accepted of all together."""
     return {
@@ -80,16 +94,20 @@ def in_use(
 ) -> list[Answer]:
     """All answers, in their order: `QUESTIONS` of them, alike over `use_s`. Time in which a
     question stands is not use. `on_too_strong`: called at once when it was, before it is asked
-    whether that was so, since the process may be gone before that is answered. `on_slip`: it was
-    not.
+    whether that was so, since the process may be gone before that is answered; and where a word
+    that answers nothing says it, which ends this. `on_slip`: it was not.
 
     Raises: TooStrongInUse, Stopped, NotDelivered, Refused, DaemonGone.
     """
     answers: list[Answer] = []
     for number in range(QUESTIONS):
-        last = _used(presenter, currents_ua, use_s / QUESTIONS, now_s)
-        on_presented(last)
-        answer = _answered(presenter, answerer, last, "in_use", on_answered)
+        try:
+            last = _used(presenter, currents_ua, use_s / QUESTIONS, now_s)
+            on_presented(last)
+            answer = _answered(presenter, answerer, last, "in_use", on_answered)
+        except TooStrongSaid:
+            on_too_strong()
+            raise
         if answer == "too_strong":
             used_s = (number + 1) * use_s / QUESTIONS
             # Keys slip; nothing is shown until it is certain. It may never be: who is in pain ends
@@ -146,18 +164,33 @@ def _used(
                 delivered.current_ua,
                 delivered.begun_ns,
                 is_whole=True,
+                rate_hz=delivered.rate_hz,
             )
 
 
 def adaptation_of(
     answers: Sequence[Answer], use_s: float, today: datetime.date
 ) -> MeasuredAdaptation:
-    """By the second half of them. Whether it lets answers raise, it says itself."""
+    """By the second half of them, and since when. Whether it lets answers raise, it says itself."""
     later = answers[len(answers) // 2 :]
     return MeasuredAdaptation(
         answers=len(later),
         weaker=later.count("weaker"),
         stronger=later.count("stronger"),
         use_s=use_s,
+        weaker_from_s=_weaker_from(answers) * use_s / len(answers),
         date=today,
     )
+
+
+def _weaker_from(answers: Sequence[Answer]) -> int:
+    """Which is the first *weaker*, from 1 on, if each before it that is one, and each after it that
+    is none, is an error: where these are the fewest; of several, the last, which is one more than
+    there are if none is.
+    """
+    weaker = [answer == "weaker" for answer in answers]
+
+    def errors(first: int) -> int:
+        return sum(weaker[:first]) + weaker[first:].count(False)
+
+    return 1 + min(range(len(weaker), -1, -1), key=errors)

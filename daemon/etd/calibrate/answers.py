@@ -14,9 +14,22 @@ from typing import Literal, Protocol
 #: was instead, since keys slip. `compare`: is the second as strong as the first? `which`: after
 #: `too_strong` to that: which of the two? `whole`: all electrodes at once, at level 1. `in_use`:
 #: all at once for minutes, is it as strong as at first? `sure_in_use`: after `too_strong` to that.
-#: `quality` and `place`: what does it feel like, and where, at the comfortable level?
+#: `quality` and `place`: what does it feel like, and where, at the comfortable level? `stopped`,
+#: `stopped_which`, `stopped_whole`: of what was presented last, of two, of all at once, when it was
+#: stopped before something else was presented.
 Ask = Literal[
-    "strength", "sure", "compare", "which", "whole", "in_use", "sure_in_use", "quality", "place"
+    "strength",
+    "sure",
+    "compare",
+    "which",
+    "whole",
+    "in_use",
+    "sure_in_use",
+    "quality",
+    "place",
+    "stopped",
+    "stopped_which",
+    "stopped_whole",
 ]
 Answer = Literal[
     "not_felt",
@@ -51,6 +64,17 @@ ANSWERS: dict[Ask, tuple[Answer, ...]] = {
     "sure_in_use": ("weaker", "same", "stronger", "too_strong"),
     "quality": ("vibration", "pressure", "prickling", "other", "too_strong"),
     "place": ("under", "around", "elsewhere"),
+    "stopped": ("not_felt", "felt", "comfortable", "too_strong"),
+    "stopped_which": ("first", "second", "both", "neither"),
+    "stopped_whole": ("not_felt", "felt", "comfortable", "too_strong"),
+}
+
+
+_TURNED: dict[Answer, Answer] = {
+    "weaker": "stronger",
+    "stronger": "weaker",
+    "first": "second",
+    "second": "first",
 }
 
 
@@ -87,10 +111,17 @@ class Presentation:
     stands_for_ua: int | None = None
     #: All electrodes at once.
     is_whole: bool = False
+    #: At which it was presented; None: that of the conditions.
+    rate_hz: float | None = None
 
     @property
     def is_catch(self) -> bool:
         return self.stands_for_ua is not None
+
+
+def turned(answer: Answer) -> Answer:
+    """What an answer about the reference says of the electrode, and the other way round."""
+    return _TURNED.get(answer, answer)
 
 
 class Answerer(Protocol):

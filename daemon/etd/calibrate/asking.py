@@ -1,16 +1,21 @@
 """One presentation and its question.
 
-Owns: the pauses, the second question after `too strong`, and that what was too strong is in the
-progress before anything else happens. Must not know: procedures, the order of electrodes, how a
-current is presented, who answers, where progress is stored.
+Owns: the pauses, the second question after `too strong`, that what was too strong is in the
+progress before anything else happens, and that what it was stopped at is asked about before
+anything else is presented. Must not know: which presentation a stop is about (doubting),
+procedures, the order of electrodes, how a current is presented, who answers, where progress is
+stored.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from typing import Protocol, TypeAlias, get_args
 
-from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question
+from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question, turned
+from etd.calibrate.doubting import Doubting
+from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.order import is_reference_last, is_silence_first
 from etd.calibrate.progress import Progress
 from etd.calibrate.reach import RISE, Reach, a_step_below
@@ -26,15 +31,8 @@ _BETWEEN_S = 0.4
 
 
 Sensation: TypeAlias = tuple[Quality | None, Place | None]
-#: What an answer about the reference says of the electrode, and the other way round.
-_TURNED: dict[Answer, Answer] = {
-    "weaker": "stronger",
-    "stronger": "weaker",
-    "first": "second",
-    "second": "first",
-}
-#: Of the progress: what was found, and the lowered caps.
-_Kept: TypeAlias = tuple[dict[int, ElectrodeLimits], dict[int, int]]
+#: What was found, the lowered caps, and what a stop would be about.
+_Kept: TypeAlias = tuple[dict[int, ElectrodeLimits], dict[int, int], InDoubt | None]
 
 
 class Presenter(Protocol):
@@ -78,6 +76,7 @@ class Asking:
         self._on_progress = on_progress
         self._on_presented = on_presented
         self._on_answered = on_answered
+        self._doubting = Doubting(progress, on_progress)
         #: By electrode and current: the last one measured.
         self.resistances: dict[int, dict[int, int]] = {}
         self._comparisons: dict[int, int] = {}
@@ -85,22 +84,26 @@ class Asking:
     def strength(self, electrode: int, reach: Reach, current_ua: int) -> Answer:
         """Raises: Stopped, NotDelivered."""
         self._pause()
-        presented = self._present(electrode, current_ua)
         left_ua = {electrode: reach.left_below(current_ua)}
+        doubt = InDoubt(electrode=electrode, left_ua=left_ua)
+        with self._doubting.presented(doubt):
+            presented = self._present(electrode, current_ua)
         return self._strength_of(presented, lambda: self._lower(left_ua))
 
     def catch(self, electrode: int, stands_for_ua: int) -> None:
-        """A silent trial, and the same question. Nothing was presented, so nothing is lowered.
+        """A silent trial, and the same question. Nothing was presented, so nothing is lowered; a
+        stop is about what came before it.
 
         Raises: Stopped.
         """
         self._pause()
-        delivered = self._presenter.silence(electrode)
         progress = self._progress
-        progress.presentations += 1
-        presented = Presentation(electrode, 0, 0, delivered.begun_ns, stands_for_ua=stands_for_ua)
-        self._on_presented(presented)
-        answer = self._strength_of(presented, lambda: None)
+        with self._doubting.after():
+            begun_ns = self._presenter.silence(electrode).begun_ns
+            progress.presentations += 1
+            presented = Presentation(electrode, 0, 0, begun_ns, stands_for_ua=stands_for_ua)
+            self._on_presented(presented)
+            answer = self._strength_of(presented, lambda: None)
         progress.catch_trials += 1
         progress.false_alarms += answer != "not_felt"
 
@@ -115,14 +118,21 @@ class Asking:
         self._pause()
         progress, presenter = self._progress, self._presenter
         is_last = is_silence_first(progress.seed, progress.presentations)
-        if is_last:
-            presenter.silence(electrode)
-            presenter.pause(_BETWEEN_S)
-            begun_ns = presenter.present(reference, reference_ua).begun_ns
-        else:
-            presenter.present(reference, reference_ua)
-            presenter.pause(_BETWEEN_S)
-            begun_ns = presenter.silence(electrode).begun_ns
+        doubt = InDoubt(
+            electrode=electrode,
+            reference=reference,
+            is_reference_last=is_last,
+            left_ua={reference: a_step_below(reference_ua)},
+        )
+        with self._doubting.presented(doubt):
+            if is_last:
+                presenter.silence(electrode)
+                presenter.pause(_BETWEEN_S)
+                begun_ns = self._deliver(reference, reference_ua).begun_ns
+            else:
+                self._deliver(reference, reference_ua)
+                presenter.pause(_BETWEEN_S)
+                begun_ns = presenter.silence(electrode).begun_ns
         progress.presentations += 1
         presented = Presentation(
             electrode=electrode,
@@ -135,7 +145,7 @@ class Asking:
             stands_for_ua=stands_for_ua,
         )
         self._on_presented(presented)
-        answer = self._compared(presented, reference, {reference: a_step_below(reference_ua)})
+        answer = self._compared(presented, reference, doubt.left_ua)
         progress.catch_trials += 1
         progress.false_alarms += answer != "weaker"
 
@@ -144,14 +154,17 @@ class Asking:
         slip. None: too strong, which is kept. Raises: Stopped, NotDelivered.
         """
         self._pause()
-        presented = self._present(electrode, comfortable_ua)
         left_ua = {electrode: a_step_below(comfortable_ua)}
+        doubt = InDoubt(electrode=electrode, left_ua=left_ua)
+        with self._doubting.presented(doubt):
+            presented = self._present(electrode, comfortable_ua)
         quality: Answer = "not_felt"
         while quality not in get_args(Quality):
             quality = self._strength_of(presented, lambda: self._lower(left_ua), "quality")
             if quality == "too_strong":
                 return None, None
-        place = self._answered(Question("place", electrode), presented)
+        with self._doubting.asked():
+            place = self._answered(Question("place", electrode), presented)
         return (
             next((one for one in get_args(Quality) if one == quality), None),
             next((one for one in get_args(Place) if one == place), None),
@@ -165,7 +178,10 @@ class Asking:
         """
         self._pause()
         currents_ua = self._progress.part_of_level_1(part)
-        delivered = self._presenter.present_whole(currents_ua)
+        highest = max(currents_ua, key=currents_ua.__getitem__)
+        doubt = InDoubt(electrode=highest, times=RISE / part)
+        with self._doubting.presented(doubt):
+            delivered = self._presenter.present_whole(currents_ua)
         self._progress.presentations += 1
         electrode = delivered.electrode
         presented = Presentation(
@@ -174,13 +190,14 @@ class Asking:
             delivered.current_ua,
             delivered.begun_ns,
             is_whole=True,
+            rate_hz=delivered.rate_hz,
         )
         self._on_presented(presented)
         return self._strength_of(presented, lambda: self._take_down(RISE / part), "whole")
 
     def _take_down(self, times: float) -> None:
         self._progress.take_down(times)
-        self._on_progress(self._progress)
+        self._kept_too_strong()
 
     def compared(
         self, electrode: int, reach: Reach, current_ua: int, reference: int, reference_ua: int
@@ -194,15 +211,21 @@ class Asking:
         done = self._comparisons.get(electrode, 0)
         self._comparisons[electrode] = done + 1
         is_last = is_reference_last(self._progress.seed, electrode, done)
-        if not is_last:
-            self._presenter.present(reference, reference_ua)
-            self._presenter.pause(_BETWEEN_S)
-        presented = self._present(electrode, current_ua, reference, reference_ua, is_last)
-        left_ua = {
-            reference: a_step_below(reference_ua),
-            electrode: reach.left_below(current_ua),
-        }
-        return self._compared(presented, reference, left_ua)
+        doubt = InDoubt(
+            electrode=electrode,
+            reference=reference,
+            is_reference_last=is_last,
+            left_ua={
+                reference: a_step_below(reference_ua),
+                electrode: reach.left_below(current_ua),
+            },
+        )
+        with self._doubting.presented(doubt):
+            if not is_last:
+                self._deliver(reference, reference_ua)
+                self._presenter.pause(_BETWEEN_S)
+            presented = self._present(electrode, current_ua, reference, reference_ua, is_last)
+        return self._compared(presented, reference, doubt.left_ua)
 
     def _compared(self, presented: Presentation, reference: int, left_ua: dict[int, int]) -> Answer:
         """Until the answer is not taken back. Raises: Stopped, Refused."""
@@ -210,9 +233,10 @@ class Asking:
         question = Question("compare", presented.electrode, reference, is_last)
         while True:
             before = self._kept()
-            answer = self._answered(question, presented, lambda: self._lower(left_ua))
+            with self._doubting.asked():
+                answer = self._answered(question, presented, lambda: self._lower(left_ua))
             if answer != "too_strong":
-                return _TURNED.get(answer, answer) if is_last else answer
+                return turned(answer) if is_last else answer
             if self._keep_which(presented, reference, left_ua, before):
                 return answer
 
@@ -231,7 +255,7 @@ class Asking:
         electrode, is_last = presented.electrode, presented.is_reference_last
         which = self._answered(Question("which", electrode, reference, is_last), presented)
         if is_last:
-            which = _TURNED.get(which, which)
+            which = turned(which)
         if which == "neither":
             self._take_back(before)
             return False
@@ -248,7 +272,8 @@ class Asking:
     ) -> Answer:
         """It counts as too strong until the second answer says otherwise: it may never come."""
         before = self._kept()
-        answer = self._answered(Question(ask, presented.electrode), presented, lower)
+        with nullcontext() if presented.is_catch else self._doubting.asked():
+            answer = self._answered(Question(ask, presented.electrode), presented, lower)
         if answer != "too_strong":
             return answer
         answer = self._answered(Question("sure", presented.electrode), presented)
@@ -257,21 +282,58 @@ class Asking:
         return answer
 
     def _kept(self) -> _Kept:
-        return dict(self._progress.found), dict(self._progress.lowered_ua)
+        progress = self._progress
+        return dict(progress.found), dict(progress.lowered_ua), self._doubting.last
 
     def _take_back(self, before: _Kept) -> None:
-        self._progress.found, self._progress.lowered_ua = dict(before[0]), dict(before[1])
+        """What was answered is no doubt, but a stop may be about it still."""
+        found, lowered_ua, self._doubting.last = before
+        self._progress.found, self._progress.lowered_ua = dict(found), dict(lowered_ua)
         self._on_progress(self._progress)
 
     def _lower(self, left_ua: dict[int, int]) -> None:
         for electrode, one_ua in left_ua.items():
             self._progress.lower(electrode, one_ua)
+        self._kept_too_strong()
+
+    def _kept_too_strong(self) -> None:
+        """It needs no second question."""
+        self._doubting.last = self._progress.in_doubt = None
         self._on_progress(self._progress)
+
+    # --- what it was stopped at ----------------------------------------------------------------
+
+    def settle_doubt(self) -> None:
+        """Before anything is presented: whether that was too strong which it was stopped at.
+
+        Raises: Stopped, Refused (`bad_calibration`: the reference was too strong).
+        """
+        doubt = self._progress.in_doubt
+        if doubt is None:
+            return
+        answer = self._answerer.answer(doubt.question, self._presenter.keep)
+        if answer == "stop":
+            self._presenter.stop()
+        if answer in ("stop", "pause"):
+            raise Stopped(answer)
+        self._progress.in_doubt = None
+        left_ua = doubt.left_by(answer)
+        if doubt.times is not None and answer == "too_strong":
+            self._take_down(doubt.times)
+        self._lower(left_ua)
+        if doubt.reference is not None and doubt.reference in left_ua:
+            raise too_strong_reference(doubt.reference)
 
     # --- one presentation --------------------------------------------------------------------
 
     def _pause(self) -> None:
-        self._presenter.pause(_PAUSES_S[self._progress.presentations % len(_PAUSES_S)])
+        with self._doubting.after():
+            self._presenter.pause(_PAUSES_S[self._progress.presentations % len(_PAUSES_S)])
+
+    def _deliver(self, electrode: int, current_ua: int) -> Delivered:
+        delivered = self._presenter.present(electrode, current_ua)
+        self._doubting.is_fired = True
+        return delivered
 
     def _present(
         self,
@@ -282,10 +344,10 @@ class Asking:
         is_reference_last: bool = False,
     ) -> Presentation:
         """The reference too, if it comes last."""
-        delivered = last = self._presenter.present(electrode, current_ua)
+        delivered = last = self._deliver(electrode, current_ua)
         if is_reference_last and reference is not None and reference_ua is not None:
             self._presenter.pause(_BETWEEN_S)
-            last = self._presenter.present(reference, reference_ua)
+            last = self._deliver(reference, reference_ua)
         self._progress.presentations += 1
         if delivered.resistance_ohm is not None:
             seen = self.resistances.setdefault(electrode, {})

@@ -23,10 +23,13 @@ HEADROOM = 1.2
 
 @dataclass(frozen=True, slots=True)
 class Comfortable:
-    """In uA; `cap_ua` was presented and accepted."""
+    """In uA; `cap_ua` was presented and accepted. `is_felt` False: nothing up to there was felt in
+    the ascent.
+    """
 
     comfortable_ua: int
     cap_ua: int
+    is_felt: bool = True
 
 
 def comfortable(threshold_ua: int, known_ua: float = 0.0) -> Procedure[Comfortable]:
@@ -40,18 +43,20 @@ def comfortable(threshold_ua: int, known_ua: float = 0.0) -> Procedure[Comfortab
     #: Called comfortable once.
     once_ua: int | None = None
     accepted_ua = 0
+    is_felt = False
     while True:
         heard = yield requested_ua
         if heard.answer == "too_strong":
             if 0 < accepted_ua < heard.current_ua:
                 break
-            # Not even what was accepted before: what is left must be felt to be accepted.
-            accepted_ua, chosen_ua, once_ua = 0, None, None
+            # Not even what was accepted before: what is left may not be felt any more.
+            accepted_ua, chosen_ua, once_ua, is_felt = 0, None, None, False
             if heard.current_ua <= LEAST_UA:
                 break
             requested_ua = heard.current_ua / FINE
             continue
         accepted_ua = max(accepted_ua, heard.current_ua)
+        is_felt = is_felt or heard.is_felt
         if heard.answer == "comfortable" and chosen_ua is None:
             if heard.current_ua != once_ua:
                 requested_ua = once_ua = heard.current_ua
@@ -63,4 +68,4 @@ def comfortable(threshold_ua: int, known_ua: float = 0.0) -> Procedure[Comfortab
         requested_ua = min(heard.current_ua * RISE, max(known_ua, heard.current_ua * FINE))
         if enough_ua is not None:
             requested_ua = min(requested_ua, enough_ua)
-    return Comfortable(chosen_ua or accepted_ua, accepted_ua)
+    return Comfortable(chosen_ua or accepted_ua, accepted_ua, is_felt)

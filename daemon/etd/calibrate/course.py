@@ -99,6 +99,7 @@ class Course:
         the reason. Raises: Stopped, Refused, DaemonGone.
         """
         progress = self._progress
+        self._asking.settle_doubt()
         wanted = set(electrodes) - set(progress.found)
         self._waiting = shuffled(progress.seed, progress.conditions.electrodes, wanted)
         self._in_play.clear()
@@ -127,6 +128,7 @@ class Course:
         Raises: Stopped, NotDelivered, Unsettled, Refused, DaemonGone.
         """
         progress = self._progress
+        self._asking.settle_doubt()
         part, tries = _WHOLE_FROM, 0
         accepted_ua: dict[int, int] = {}
         while progress.is_whole_due:

@@ -22,7 +22,9 @@ from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
 from etd.calibrate.exponent import LEAST_STATES, Asked, NoFit, fitted
-from etd.calibrate.progress import Progress, capped
+from etd.calibrate.in_doubt import InDoubt
+from etd.calibrate.lowered import lowered
+from etd.calibrate.progress import BoardNamed, Progress, check_made_on
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
 from etd.protocol.exponent import LEAST_ELECTRODES, FittedExponent
@@ -61,7 +63,8 @@ _MAY_LACK: Final = len(STATES) - LEAST_STATES
 
 class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """What has been asked so far; complete states only. `board`, `leak_ohm`: what it is asked with.
-    Times are of the wall clock: the file may be continued after the computer was off.
+    `made_on`: as in `Progress`. Times are of the wall clock: the file may be continued after the
+    computer was off.
     """
 
     conditions: Conditions
@@ -69,6 +72,7 @@ class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     seed: Seed
     board: ShortText
     leak_ohm: Annotated[int, Meta(ge=1)]
+    made_on: BoardNamed | None = None
     #: Of the states that are over.
     states: Annotated[int, Meta(ge=0, le=len(STATES))] = 0
     asked: list[Asked] = []
@@ -79,6 +83,8 @@ class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     #: where a slipped key can still be taken back.
     lowered_ua: dict[int, Ua] = {}
     lowering_ua: dict[int, Ua] = {}
+    #: What it was stopped at, in the state under way.
+    in_doubt: InDoubt | None = None
 
 
 class Fitting:
@@ -100,7 +106,7 @@ class Fitting:
         self._found_s.clear()
         self._keep_lowered()
         seed = (progress.seed + progress.states) % (MOST_SEED + 1)
-        return Progress(conditions=progress.conditions, seed=seed)
+        return Progress(conditions=progress.conditions, seed=seed, in_doubt=progress.in_doubt)
 
     @property
     def caps_ua(self) -> dict[int, int]:
@@ -146,16 +152,7 @@ class Fitting:
         """The calibration without what was too strong in any state: the caps of these electrodes
         are lower, and what was found of all levels together is of others.
         """
-        caps_ua = [one.cap_ua for one in baseline.electrode]
-        left_ua = {one: ua for one, ua in self._left_ua().items() if ua < caps_ua[one]}
-        if not left_ua:
-            return baseline
-        each = list(baseline.electrode)
-        for electrode, ua in left_ua.items():
-            each[electrode] = capped(each[electrode], ua, each[electrode].comfortable_ua)
-        return msgspec.structs.replace(
-            baseline, electrode=tuple(each), is_whole_accepted=None, adaptation=None
-        )
+        return lowered(baseline, self._left_ua())
 
     def _left_ua(self) -> dict[int, int]:
         """By electrode, of all states and the standing one."""
@@ -166,8 +163,9 @@ class Fitting:
         return found
 
     def lower(self, of_state: Progress) -> None:
-        """Called when something was too strong, and when that is taken back."""
+        """Called when something was too strong or may have been, and when that is taken back."""
         self._progress.lowering_ua = dict(of_state.lowered_ua)
+        self._progress.in_doubt = of_state.in_doubt
 
     def _keep_lowered(self) -> None:
         """Also of a state that was interrupted."""
@@ -299,11 +297,15 @@ def load_fit(path: Path, asked_for: FitProgress, named: Collection[str] = ()) ->
     for key in ("conditions", "board", "leak_ohm", *named):
         if getattr(saved, key) != getattr(asked_for, key):
             raise FileError(str(path), key, "it was begun with others", again)
+    check_made_on(path, saved.made_on, asked_for.made_on)
     expected = {(one.electrode, one.state) for one in saved.asked}
     if len(expected) != len(saved.asked) or any(
         one.electrode not in saved.electrodes or one.state >= saved.states for one in saved.asked
     ):
         raise FileError(str(path), "asked", "it has what was not asked", again)
+    doubted = saved.in_doubt.electrodes if saved.in_doubt is not None else frozenset[int]()
+    if not doubted <= set(saved.electrodes):
+        raise FileError(str(path), "in_doubt", "it names what was not asked", again)
     if saved.false_alarms > saved.catch_trials:
         why = f"{saved.false_alarms} of {saved.catch_trials} silent trials cannot be"
         raise FileError(str(path), "false_alarms", why, again)

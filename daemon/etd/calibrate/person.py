@@ -110,6 +110,9 @@ class SimulatedPerson:
             return self._pressed(question, self._which)
         if question.ask in ("quality", "place"):
             return self._pressed(question, ANSWERS[question.ask][0])
+        if question.ask in ("stopped", "stopped_which", "stopped_whole"):
+            # It stops nothing, so the operator did.
+            return "neither" if question.ask == "stopped_which" else "felt"
         if question.ask not in ("sure", "sure_in_use"):
             self._meant = self._judged(question)
             self._presentations += 1

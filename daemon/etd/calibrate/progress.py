@@ -15,6 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from etd.calibrate.conditions import Conditions
+from etd.calibrate.in_doubt import InDoubt
 from etd.files.atomic_file import check_folder, write_atomically
 from etd.files.paths import make_own
 from etd.protocol.calibration import (
@@ -28,7 +29,9 @@ from etd.protocol.calibration import (
     resisted_as_skin,
 )
 from etd.protocol.errors import FileError
-from etd.protocol.frame import ShortText
+
+#: A board's name, and where its daemon is: two paths and a computer, at the most.
+BoardNamed = Annotated[str, Meta(max_length=1_000)]
 
 
 class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -39,8 +42,9 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     presentations and the finished calibration. `seed`: of the random order; None in a file of
     before there was one, which continues in the array's order. `is_whole_accepted`: all electrodes
     at once, at level 1, were presented with these figures and not too strong. `drift`,
-    `is_drift_least` and `skin_celsius`: as in the calibration. `made_on`: the board, and of a fake
-    one the finger; None in a file of before that was kept.
+    `is_drift_least` and `skin_celsius`: as in the calibration. `in_doubt`: asked about before
+    anything else is presented. `made_on`: the board, whether it is a fake one, and of that the
+    finger, and the daemon; None in a file of before that was kept.
     """
 
     conditions: Conditions
@@ -54,7 +58,8 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     drift: Drift | None = None
     is_drift_least: bool = False
     skin_celsius: SkinCelsius | None = None
-    made_on: ShortText | None = None
+    in_doubt: InDoubt | None = None
+    made_on: BoardNamed | None = None
 
     @property
     def missing(self) -> tuple[int, ...]:
@@ -113,7 +118,7 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def below_threshold(self) -> dict[int, ElectrodeLimits]:
-        """Those whose cap was taken down below what they are felt from."""
+        """Those whose cap is below what they are felt from: too strong has left no more."""
         return {
             electrode: limits
             for electrode, limits in self.found.items()
@@ -175,7 +180,8 @@ def _unsaved(path: Path, error: OSError) -> FileError:
 def load_progress(
     path: Path, conditions: Conditions, seed: int | None = None, made_on: str | None = None
 ) -> Progress:
-    """`seed`: the one asked for; None takes the saved one. `made_on`: this board; None: any.
+    """`seed`: the one asked for; None takes the saved one. `made_on`: this board; None: any. What
+    does not say of which it is may be of a fake one, and goes on with none.
 
     Raises: FileError, also for other conditions, or figures that they cannot have given.
     """
@@ -198,19 +204,28 @@ def load_progress(
                 f"the saved progress has {was}, this calibration {now}",
                 "use the same conditions, or start again with --restart",
             )
-    if made_on is not None and progress.made_on not in (None, made_on):
-        raise FileError(
-            str(path),
-            "made_on",
-            f"the saved progress is of {progress.made_on}, this board is {made_on}",
-            "use that one, or start again with --restart",
-        )
+    check_made_on(path, progress.made_on, made_on)
     _check_order(str(path), progress, seed)
+    if progress.in_doubt is not None:
+        for electrode in progress.in_doubt.electrodes:
+            _check_electrode(str(path), "in_doubt", progress.conditions, electrode)
     for electrode, limits in progress.found.items():
         _check_found(str(path), progress, electrode, limits)
     for electrode in progress.lowered_ua:
         _check_electrode(str(path), "lowered_ua", conditions, electrode)
     return progress
+
+
+def check_made_on(path: Path, saved: str | None, now: str | None) -> None:
+    """`now` None: any. Raises: FileError."""
+    if now is not None and saved != now:
+        was = saved or "a board that it does not name"
+        raise FileError(
+            str(path),
+            "made_on",
+            f"the saved progress is of {was}, this board is {now}",
+            "use that one, give the result another name (--as), or start again with --restart",
+        )
 
 
 def _check_order(path: str, progress: Progress, seed: int | None) -> None:
@@ -268,7 +283,8 @@ def _unfelt(progress: Progress) -> tuple[str, str]:
     """Why there is nothing to store, and what to do."""
     if progress.below_threshold:
         return (
-            "all together was too strong down to below what is felt on each electrode",
+            "something was too strong down to below what is felt on each electrode, alone or all"
+            " together",
             "rest the skin, and calibrate anew with --restart, or fewer electrodes (--leave-out)",
         )
     return "nothing was felt anywhere", "check contact and cap"

@@ -15,15 +15,16 @@ current several times.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from etd.calibrate.conditions import Conditions
-from etd.calibrate.trial import Stopped
+from etd.calibrate.trial import Stopped, TooStrongSaid
 from etd.client.options import FrameOptions
 from etd.protocol.errors import EtdError, Refused
+from etd.protocol.felt import FeltFacts
 from etd.protocol.frame import Ring
-from etd.protocol.messages import FrameReply, Halt, Scan
+from etd.protocol.messages import FrameReply, Halt, Scan, StateReport
 from etd_hal.ports import Clock
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ _STEPS_UA = 12
 #: Clamps that may pass by themselves: the presentation is repeated. What a return carries is not
 #: known after a second of silence.
 _PASSING = ("soft_start", "recontact", "contact_open", "return_cap")
+_LOWERED = ": too strong was said since it was armed; disarm, and begin again"
 #: Widths are accurate to a microsecond or two; stabilizers change them by steps of five.
 _WIDER_US = 4.0
 
@@ -57,20 +59,25 @@ _WIDER_US = 4.0
 class Delivered:
     """One presentation: the commanded current, the skin's resistance as stabilizers use it, and
     when its frame was sent, on the stimulator's clock. The first pulse follows within milliseconds.
+    `rate_hz`: at which the daemon shows it; None: that of the conditions.
     """
 
     electrode: int
     current_ua: int
     resistance_ohm: int | None
     begun_ns: int = 0
+    rate_hz: float | None = None
 
 
 class NotDelivered(EtdError):
-    """A current could not be presented as requested. Fields: electrode, why."""
+    """A current could not be presented as requested. Fields: electrode, why, fired_ua (the most of
+    what was fired in its place).
+    """
 
-    def __init__(self, electrode: int, why: str) -> None:
+    def __init__(self, electrode: int, why: str, fired_ua: int) -> None:
         self.electrode = electrode
         self.why = why
+        self.fired_ua = fired_ua
         super().__init__(f"electrode {electrode} could not be presented: {why}")
 
 
@@ -87,7 +94,7 @@ class Shows(Protocol):
 
 
 class Reports(Protocol):
-    """Telemetry of the topics `scan` and `halt`; `etd.Telemetry` is one."""
+    """Telemetry of the topics `scan`, `halt` and `state`; `etd.Telemetry` is one."""
 
     def receive(self, timeout_s: float | None = 0.0) -> tuple[object, object] | None: ...
 
@@ -111,6 +118,8 @@ class Stimulator:
         self._wants_stop = wants_stop
         self._on_report = on_report
         self._ceiling_ua = 0
+        #: How many words of the strength the daemon has had since arming; None: not told yet.
+        self._words: int | None = None
         self._kept_ns = 0
         self._lasted_s = conditions.presentation_s
 
@@ -152,7 +161,7 @@ class Stimulator:
                 tries += 1
             most_ua = max(most_ua, fired_ua)
             self._sleep(_AGAIN_NS)
-        raise NotDelivered(_highest(currents_ua), why)
+        raise NotDelivered(_highest(currents_ua), why, most_ua)
 
     def silence(self, electrode: int) -> Delivered:
         """Nothing, for as long as the last presentation took: its length must not tell."""
@@ -167,6 +176,8 @@ class Stimulator:
             self._keep_if_due()
             self._look()
             self._sleep(min(left_ns, int(_LOOK_S * 1e9)))
+        # What was said until now is not about what comes next.
+        self._look()
 
     def keep(self) -> None:
         """Renew the lease, and process telemetry."""
@@ -195,7 +206,8 @@ class Stimulator:
         conditions, is_whole = self._conditions, len(currents_ua) > 1
         self._look()
         ttl_ms = _MOST_TTL_MS if is_whole else int(conditions.presentation_s * 1000) + 250
-        seq, begun_ns = self._shown_once_leaked(currents_ua, ttl_ms, allow_slower=is_whole)
+        reply, begun_ns = self._shown_once_leaked(currents_ua, ttl_ms, allow_slower=is_whole)
+        seq = reply.seq
         until_ns = self._clock.now_ns() + _FIRED_WITHIN_NS
         trouble: set[str] = set()
         while self._clock.now_ns() < until_ns:
@@ -208,6 +220,8 @@ class Stimulator:
             if any(shown.seq == seq and shown.ended for shown in scan.shown):
                 fired_ua = max(scan.fired.current_ua[electrode] for electrode in currents_ua)
                 delivered, why = self._settled(scan, currents_ua, trouble, begun_ns)
+                if delivered is not None:
+                    delivered = replace(delivered, rate_hz=reply.rate_hz)
                 return delivered, why, fired_ua
         return None, "nothing was fired", 0
 
@@ -244,20 +258,20 @@ class Stimulator:
 
     def _shown_once_leaked(
         self, currents_ua: Mapping[int, int], ttl_ms: int, *, allow_slower: bool
-    ) -> tuple[int, int]:
-        """The frame's number, and when it was sent: when the net charge lets it stand."""
+    ) -> tuple[FrameReply, int]:
+        """The reply, and when the frame was sent: when the net charge lets it stand."""
         until_ns = self._clock.now_ns() + _LEAKED_WITHIN_NS
         while True:
             begun_ns = self._clock.now_ns()
             try:
                 pulses = self._conditions.pulses
-                seq = self._show(currents_ua, pulses, ttl_ms, allow_slower=allow_slower)
+                reply = self._show(currents_ua, pulses, ttl_ms, allow_slower=allow_slower)
             except Refused as refused:
                 if refused.code != "over_maximum" or begun_ns >= until_ns:
                     raise
                 self.pause(_LEAKS_S)
             else:
-                return seq, begun_ns
+                return reply, begun_ns
 
     def _show(
         self,
@@ -266,7 +280,7 @@ class Stimulator:
         ttl_ms: int,
         *,
         allow_slower: bool = False,
-    ) -> int:
+    ) -> FrameReply:
         conditions, returns = self._conditions, self._conditions.returns
         each_ua = [currents_ua.get(electrode, 0) for electrode in range(conditions.electrodes)]
         options: FrameOptions = {
@@ -283,13 +297,15 @@ class Stimulator:
         reply = self._display.show_current(each_ua, **options)
         for clamp in reply.clamped:
             if clamp.reason not in _PASSING:
+                what_to_do = _LOWERED if clamp.reason == "felt" else ""
                 raise Refused(
                     "over_limit",
                     f"electrode {clamp.electrode} would get {clamp.allowed_ua} of"
-                    f" {clamp.wanted_ua} uA ({clamp.reason} of electrode {clamp.limited_by})",
+                    f" {clamp.wanted_ua} uA ({clamp.reason} of electrode {clamp.limited_by})"
+                    f"{what_to_do}",
                     clamp.electrode,
                 )
-        return reply.seq
+        return reply
 
     # --- telemetry ---------------------------------------------------------------------------
 
@@ -310,9 +326,22 @@ class Stimulator:
         self._on_report(report)
         if isinstance(report, Halt):
             raise Refused("halted", f"halted by {report.cause} ({report.source}: {report.detail})")
+        if isinstance(report, StateReport):
+            self._heed_words(report.felt)
         if isinstance(report, Scan):
             self._ceiling_ua = report.ceiling_ua
         return report
+
+    def _heed_words(self, felt: FeltFacts | None) -> None:
+        """Whatever a question is answered with: *too strong* by the wearer's button, by a monitor
+        or a program is of what is presented here. Raises: Stopped.
+        """
+        words = 0 if felt is None else felt.answers
+        is_new = self._words is not None and words > self._words
+        self._words = words
+        if is_new and felt is not None and felt.answer == "too_strong":
+            self._display.stop()
+            raise TooStrongSaid
 
     def _sleep(self, duration_ns: int) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + duration_ns)

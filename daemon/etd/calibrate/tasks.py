@@ -139,14 +139,20 @@ class ThresholdTasks:
         known_ua = 0.0 if before is None else before.comfortable_ua * _OF_EARLIER
         threshold = yield from self._threshold(reach)
         self._on_threshold(electrode)
-        at_ua = min(round(threshold.current_ua), reach.cap_ua)
-        if not threshold.is_felt:
+        from_ua = round(threshold.current_ua)
+        at_ua, is_felt = min(from_ua, reach.cap_ua), threshold.is_felt
+        if not is_felt:
             figures_ua = at_ua, at_ua, reach.tolerated_ua
         else:
             level = yield from comfortable(at_ua, known_ua=known_ua)
             figures_ua = at_ua, level.comfortable_ua, level.cap_ua
+            is_felt = level.is_felt or level.cap_ua >= from_ua
         seen = self._asking.resistances.get(electrode, {})
-        return in_order(*figures_ua, seen, self._today(), is_felt=threshold.is_felt)
+        found = in_order(*figures_ua, seen, self._today(), is_felt=is_felt)
+        if threshold.is_felt and not is_felt:
+            # What was too strong has left less than it is felt from.
+            return replace(found, felt_from_ua=from_ua)
+        return found
 
     def _cap_ua(self, _: int) -> int:
         return self._progress.conditions.presented_ua

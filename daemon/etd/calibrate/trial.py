@@ -40,11 +40,22 @@ Procedure: TypeAlias = Generator[float, Heard, R]
 
 
 class Stopped(EtdError):
-    """The person or the operator ended it. Fields: answer (`stop` or `pause`)."""
+    """The person or the operator ended it. Fields: answer (`stop` or `pause`), why (empty: by a
+    key).
+    """
 
-    def __init__(self, answer: Answer) -> None:
+    def __init__(self, answer: Answer, why: str = "") -> None:
         self.answer: Answer = answer
-        super().__init__("stopped: the daemon is halted" if answer == "stop" else "paused")
+        self.why = why
+        by = f" ({why})" if why else ""
+        super().__init__(f"stopped{by}: the daemon is halted" if answer == "stop" else "paused")
+
+
+class TooStrongSaid(Stopped):
+    """*Too strong* of what is presented, by a word that answers no question: a stop."""
+
+    def __init__(self) -> None:
+        super().__init__("stop", "too strong, by a button, a monitor or another program")
 
 
 class Unsettled(EtdError):

@@ -24,6 +24,7 @@ from etd.calibrate.adaptation import (
     currents_in_use,
     in_use,
     take_down_from_use,
+    take_down_on_the_way,
 )
 from etd.calibrate.answers import Answer, Answerer, Ask, Presentation
 from etd.calibrate.asking import Presenter
@@ -32,6 +33,7 @@ from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.progress import capped
+from etd.calibrate.trial import TooStrongSaid
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
@@ -109,6 +111,8 @@ class AdaptationSession:
         self._answers: list[Answer] = []
         self._asked = 0
         self._last_whole: Answer | None = None
+        #: What was presented last, where that was answered and not too strong.
+        self._accepted: Presentation | None = None
 
     def run(self) -> None:
         """Raises: Stopped, NotDelivered, Refused, DaemonGone, FileError."""
@@ -147,7 +151,7 @@ class AdaptationSession:
 
     def _feel_whole(self, presenter: Presenter, answerer: Answerer) -> None:
         """Up to level 1; what is too strong takes all down."""
-        Course(
+        course = Course(
             self._whole,
             presenter,
             answerer,
@@ -156,7 +160,13 @@ class AdaptationSession:
             on_progress=lambda _: self._store_taken_down(),
             on_presented=self._screen.presented,
             on_answered=self._whole_answered,
-        ).feel_whole()
+        )
+        try:
+            course.feel_whole()
+        except TooStrongSaid:
+            take_down_on_the_way(self._whole, self._accepted)
+            self._store_taken_down()
+            raise
         if not currents_in_use(self._whole, self._baseline.gamma):
             raise _not_as_calibrated(
                 "all together was too strong down to below what is felt on each electrode"
@@ -166,6 +176,7 @@ class AdaptationSession:
 
     def _whole_answered(self, presented: Presentation, ask: Ask, answer: Answer | None) -> None:
         self._last_whole = answer
+        self._accepted = None if answer in (None, "too_strong") else presented
         self._trials.answered(presented, ask, answer)
 
     def _use(self, presenter: Presenter, answerer: Answerer) -> None:
@@ -222,7 +233,7 @@ class AdaptationSession:
             print(msgspec.json.encode(answer).decode())
             return 0
         print(f"{self._which}: {found.in_words}")
-        print(raises_in_words(why_not))
+        print(raises_in_words(why_not, found))
         tell_trials(self._args, self.trials)
         return 0
 

@@ -24,6 +24,7 @@ from etd.cli.adaptation_session import AdaptationSession
 from etd.cli.borrowed import array_of, calibration_of, lend
 from etd.cli.calibrate_added import added_by, calibrated_first, name_baseline
 from etd.cli.calibrate_conditions import COMMAND_LINE
+from etd.cli.calibrate_kept import alone
 from etd.cli.calibrate_result import tell_trials, until_cleared
 from etd.cli.calibrate_session import CalibrateSession
 from etd.cli.extras import check_fake
@@ -234,6 +235,7 @@ def run(args: argparse.Namespace) -> int:
         ready_questplus()
     with (
         termination_as_ctrl_c(),
+        _alone(args, which),
         _address(args) as address,
         _display(args, address) as display,
     ):
@@ -268,6 +270,14 @@ def run(args: argparse.Namespace) -> int:
             tell_trials(args, calibrating.trials)
             raise
         return calibrating.settle()
+
+
+@contextlib.contextmanager
+def _alone(args: argparse.Namespace, which: str) -> Iterator[None]:
+    with contextlib.ExitStack() as stack:
+        with options.wrong_use(args):
+            stack.enter_context(alone(args, which))
+        yield
 
 
 def _check_combinations(args: argparse.Namespace) -> None:

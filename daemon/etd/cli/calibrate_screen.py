@@ -29,7 +29,12 @@ _ASKED = {
     "sure_in_use": "Too strong: it ends. Was it so? t again, or what it was.",
     "quality": "What does it feel like?",
     "place": "Where: under the electrode, around it, or elsewhere?",
+    "stopped": "It was stopped at or after this one, the last time. How strong was it?",
+    "stopped_which": "It was stopped at or after these, the last time. Which one was too strong?",
+    "stopped_whole": "It was stopped at or after this, the last time. How strong was it?",
 }
+#: *Too strong* to these is asked no second time.
+_AT_ONCE = ("sure", "sure_in_use", "stopped", "stopped_whole")
 
 
 _IN_USE = "; in use again: SPACE STOPs it, other keys count when it asks"
@@ -60,10 +65,10 @@ class Screen:
         self._ask: Ask | None = None
         self._advice = ""
 
-    def begin(self) -> None:
-        """Before the first question, during the soft start."""
+    def begin(self, to_do: int) -> None:
+        """Before the first question, during the soft start; `to_do`: so many electrodes."""
         where = sys.stderr if self._is_quiet else sys.stdout
-        print(to_come(self._progress), file=where, flush=True)
+        print(to_come(self._progress, to_do), file=where, flush=True)
 
     def presented(self, presented: Presentation) -> None:
         """Before the question about it."""
@@ -90,7 +95,7 @@ class Screen:
         if answer is None:
             print("   this key is not one of the answers", flush=True)
         elif answer not in ("stop", "pause"):
-            is_asked_again = answer == "too_strong" and self._ask not in ("sure", "sure_in_use")
+            is_asked_again = answer == "too_strong" and self._ask not in _AT_ONCE
             is_first_of_two = self._ask == "quality"
             ends = answer in ("first", "both", "neither") or is_asked_again or is_first_of_two
             ends = ends or (answer, self._ask) == ("too_strong", "sure_in_use")
@@ -122,7 +127,7 @@ class Screen:
     def _what(self, question: Question) -> str:
         """`electrode 12: 850 uA`, after what it is compared with."""
         shown, is_told = self._presented, not self._is_blind
-        if shown is not None and shown.is_whole:
+        if (shown is not None and shown.is_whole) or question.ask == "stopped_whole":
             return "all electrodes at once" + _WHOLE.get(question.ask, ", up to level 1")
         one = _at(question.electrode, _told_ua(shown) if shown and is_told else None)
         if question.reference is None:
@@ -149,11 +154,12 @@ def _at(electrode: int, current_ua: int | None) -> str:
     return f"electrode {electrode}" + ("" if current_ua is None else f": {current_ua} uA")
 
 
-def to_come(progress: Progress) -> str:
-    return (
-        f"method {progress.conditions.method}: {len(progress.missing)} electrodes to do, at least"
-        " half a minute each"
-    )
+def to_come(progress: Progress, to_do: int) -> str:
+    """Those that are left out are not to be done."""
+    if not to_do:
+        return f"method {progress.conditions.method}: every electrode asked for has a result"
+    count = "1 electrode" if to_do == 1 else f"{to_do} electrodes"
+    return f"method {progress.conditions.method}: {count} to do, at least half a minute each"
 
 
 def count_of(progress: Progress, asked: int | None = None) -> str:

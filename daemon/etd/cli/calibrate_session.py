@@ -17,7 +17,13 @@ import msgspec
 
 from etd.calibrate.answers import Answerer
 from etd.calibrate.asking import Presenter
-from etd.calibrate.conditions import Conditions, check_baseline, check_conditions, check_laws
+from etd.calibrate.conditions import (
+    Conditions,
+    check_baseline,
+    check_conditions,
+    check_laws,
+    identity,
+)
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
@@ -32,12 +38,14 @@ from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import COMMAND_LINE, requested_conditions
-from etd.cli.calibrate_result import same_command, store, tell_trials
+from etd.cli.calibrate_kept import made_on, name_of_daemon
+from etd.cli.calibrate_result import marked, same_command, store, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
 from etd.cli.doubts import doubts_of, drift_in_words
 from etd.cli.keys import keyboard
+from etd.cli.stored_lowered import StoredLowered
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
@@ -59,7 +67,7 @@ class CalibrateSession:
         self._args = args
         self._display = display
         self._which = which
-        self._file = calibrating_file(args.name if args.board is None else "fake", which)
+        self._file = calibrating_file(name_of_daemon(args), which)
         check_progress_folder(self._file)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
         conditions = check_conditions(requested_conditions(args, display.facts, self._baseline))
@@ -68,6 +76,11 @@ class CalibrateSession:
         check_laws(conditions, display.facts.stabilizers, has_baseline=has_baseline)
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
+        #: With equalize: what the person may be using, of which levels are presented again.
+        self._in_use: StoredLowered | None = None
+        if self._baseline is not None and conditions.method == "equalize":
+            names = dict.fromkeys((args.baseline, which))
+            self._in_use = StoredLowered(display, names, self._baseline)
         self._progress = self._begun(conditions)
         for electrode in args.leave_out:
             self._progress.leave_out(electrode)
@@ -94,11 +107,16 @@ class CalibrateSession:
 
     def run(self) -> None:
         """Raises: Stopped, Refused, DaemonGone."""
-        if not self._wanted() and not self._progress.is_whole_due:
+        progress = self._progress
+        if not self._wanted() and not progress.is_whole_due and progress.in_doubt is None:
             return
         body = ModelledBody()
         with ExitStack() as stack:
             stack.callback(self._trials.close)
+            if self._in_use is not None:
+                stack.callback(self._in_use.tell)
+                # A run before this one may have ended, or been refused, before it was stored.
+                self._store_lowered(self._in_use)
             answerer: Answerer
             if self._is_simulated:
                 answerer = SimulatedPerson(body.sense, self._progress.seed or 0)
@@ -128,14 +146,14 @@ class CalibrateSession:
             answerer,
             _today,
             baseline=self._baseline,
-            on_progress=lambda progress: save_progress(self._file, progress),
+            on_progress=self._save,
             on_presented=self._shown.presented,
             on_answered=self._trials.answered,
             on_found=lambda _: self._shown.found(),
             on_drift=lambda drift, is_least: self._shown.advise(_rest_after(drift, is_least)),
             asks_sensation=self._args.ask_sensation,
         )
-        self._shown.begin()
+        self._shown.begin(len(self._wanted()))
         stimulator.open()
         course.run(self._wanted())
         self._left = course.left
@@ -173,7 +191,9 @@ class CalibrateSession:
             tell_trials(self._args, self.trials)
             return 1
         gamma = 1.0 if self._baseline is None else self._baseline.gamma
-        made = finished(self._progress, _today(), f"etd {__version__}", gamma)
+        made = marked(
+            self._display, finished(self._progress, _today(), f"etd {__version__}", gamma)
+        )
         store(self._args, self._display, self._which, made, self._file)
         self._answer(made)
         return 0
@@ -193,22 +213,33 @@ class CalibrateSession:
     @property
     def kept(self) -> str:
         """What is saved, of this run or an earlier one, and how to continue."""
-        if self._progress.found:
-            return f"the results are saved: {same_command(self._args)} continues"
-        if self._progress.lowered_ua:
+        again = same_command(self._args)
+        if self._progress.in_doubt is not None:
             return (
-                "no electrode has a result yet; what was too strong is saved:"
-                f" {same_command(self._args)} continues and stays below it"
+                f"{self._saved}; it was stopped at a presentation:"
+                f" {again} asks first whether that was too strong"
             )
-        return "no electrode has a result yet: the same command starts again"
+        if self._progress.found:
+            return f"{self._saved}: {again} continues"
+        if self._progress.lowered_ua:
+            return f"{self._saved}: {again} continues and stays below it"
+        return f"{self._saved}: the same command starts again"
+
+    @property
+    def _saved(self) -> str:
+        if self._progress.found:
+            return "the results are saved"
+        if self._progress.lowered_ua:
+            return "no electrode has a result yet; what was too strong is saved"
+        return "no electrode has a result yet"
 
     def _begun(self, conditions: Conditions) -> Progress:
         """The saved progress. Raises: FileError if its conditions differ."""
-        seed = self._args.seed
+        seed, here = self._args.seed, made_on(self._args, self._display)
         if self._args.restart or not self._file.exists():
             seed = self._new_seed() if seed is None else seed
-            return Progress(conditions=conditions, seed=seed, made_on=self._made_on)
-        progress = load_progress(self._file, conditions, seed, self._made_on)
+            return Progress(conditions=conditions, seed=seed, made_on=here)
+        progress = load_progress(self._file, conditions, seed, here)
         print(f"continuing: electrodes done so far: {len(progress.found)}", file=sys.stderr)
         if progress.troubled:
             where = ", ".join(map(str, progress.troubled))
@@ -218,11 +249,22 @@ class CalibrateSession:
             )
         return progress
 
-    @property
-    def _made_on(self) -> str:
-        """The board, and of a fake one whose finger is on it."""
-        board, finger = self._display.facts.board.name, self._args.finger
-        return board if finger is None else f"{board}, finger {finger.kind}:{finger.seed}"
+    def _save(self, progress: Progress) -> None:
+        """Raises: FileError, Refused."""
+        save_progress(self._file, progress)
+        if self._in_use is not None:
+            self._store_lowered(self._in_use)
+
+    def _store_lowered(self, in_use: StoredLowered) -> None:
+        """What was too strong is taken from what the person may be using. What is saved is of the
+        baseline as it is now, so that the same command continues. Raises: FileError, Refused.
+        """
+        progress = self._progress
+        in_use.lower(progress.lowered_ua)
+        known = identity(self._args.baseline, in_use[self._args.baseline])
+        if known != progress.conditions.baseline:
+            progress.conditions = msgspec.structs.replace(progress.conditions, baseline=known)
+            save_progress(self._file, progress)
 
     def _new_seed(self) -> int:
         return SIMULATED_SEED if self._args.answers == "simulated" else randrange(MOST_SEED + 1)

@@ -43,9 +43,9 @@ class Watch:
         if self._bar is not None:
             self._bar.stop()
 
-    def begin(self) -> None:
-        """Before the first presentation, during the soft start."""
-        print(to_come(self._progress), file=sys.stderr, flush=True)
+    def begin(self, to_do: int) -> None:
+        """Before the first presentation, during the soft start; `to_do`: so many electrodes."""
+        print(to_come(self._progress, to_do), file=sys.stderr, flush=True)
         if self._bar is not None:
             self._task = self._bar.add_task("", total=self._progress.conditions.electrodes)
             self._draw()

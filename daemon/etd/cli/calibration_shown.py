@@ -59,7 +59,7 @@ def _exponent(fitted: FittedExponent, calibrated: datetime.date, today: datetime
 
 def _adaptation(found: MeasuredAdaptation, calibrated: datetime.date, today: datetime.date) -> str:
     why = found.why_not_in(calibrated)
-    follows = raises_in_words(why)
+    follows = raises_in_words(why, found)
     if why is None and (doubt := found.why_not_in(calibrated, today)) is not None:
         follows = f"{follows}, in doubt: {doubt}"
     return f"{found.in_words}; {found.date.isoformat()}: {follows}"

@@ -39,6 +39,7 @@ from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
+from etd.cli.calibrate_kept import made_on, name_of_daemon
 from etd.cli.calibrate_result import (
     kept_lower,
     marked,
@@ -54,6 +55,7 @@ from etd.cli.calibration_shown import k_in_words
 from etd.cli.false_alarms import said_of_false_alarms_of_fit
 from etd.cli.fit_wearer import PersonAtKeys, SimulatedWearer, Wearer
 from etd.cli.keys import keyboard
+from etd.cli.stored_lowered import tell_lowered
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
@@ -71,7 +73,7 @@ class FitSession:
 
     def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
         self._args, self._display, self._which = args, display, which
-        self._file = calibrating_file(args.name if args.board is None else "fake", which, ".fit")
+        self._file = calibrating_file(name_of_daemon(args), which, ".fit")
         check_progress_folder(self._file)
         self._is_simulated = args.answers == "simulated"
         #: Kept for this run: a clock that is set meanwhile does not make a drift.
@@ -87,10 +89,11 @@ class FitSession:
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
-                electrodes=electrodes_to_ask(self._baseline, args.electrodes),
+                electrodes=self._electrodes_to_ask(),
                 seed=self._new_seed() if args.seed is None else args.seed,
                 board=display.facts.board.name,
                 leak_ohm=display.facts.board.leak_ohm,
+                made_on=made_on(args, display),
             )
         )
         self._fitting = Fitting(self._progress)
@@ -225,7 +228,7 @@ class FitSession:
 
     def _begun(self, asked_for: FitProgress) -> FitProgress:
         """The saved progress. Raises: FileError if it was begun otherwise."""
-        if self._args.restart or not self._file.exists():
+        if not self._is_begun:
             return asked_for
         both = {"seed": self._args.seed, "electrodes": self._args.electrodes or None}
         named = [key for key, value in both.items() if value is not None]
@@ -233,6 +236,19 @@ class FitSession:
         check_pause(saved, self._now_s(), str(self._file))
         print(f"continuing: states that are over: {saved.states}", file=sys.stderr)
         return saved
+
+    @property
+    def _is_begun(self) -> bool:
+        return not self._args.restart and self._file.exists()
+
+    def _electrodes_to_ask(self) -> tuple[int, ...]:
+        """Of a fit that goes on: what was too strong in it may have left one of its electrodes no
+        room above its threshold, so those that are named only have to be its own. Raises:
+        FileError.
+        """
+        if self._is_begun:
+            return tuple(sorted(set(self._args.electrodes)))
+        return electrodes_to_ask(self._baseline, self._args.electrodes)
 
     def _new_seed(self) -> int:
         return SIMULATED_SEED if self._is_simulated else randrange(MOST_SEED + 1)
@@ -270,15 +286,7 @@ class FitSession:
             save_progress(self._file, self._progress)
 
     def _tell_lowered(self) -> None:
-        both = zip(self._in_use.electrode, self._stored.electrode, strict=True)
-        caps = [
-            f"{electrode} ({now.cap_ua} uA instead of {was.cap_ua})"
-            for electrode, (was, now) in enumerate(both)
-            if now != was
-        ]
-        if caps:
-            said = f"too strong, so the cap is lower: electrode {', '.join(caps)}"
-            print(f"{said}: {self._which} is stored so", file=sys.stderr, flush=True)
+        tell_lowered(self._which, self._in_use, self._stored)
 
     def _screen_of(self, of_state: Progress) -> Screen:
         return Screen(

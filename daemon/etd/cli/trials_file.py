@@ -44,6 +44,7 @@ COLUMNS = (
 )
 #: Of one name, where a calibration is begun several times within a second.
 _MOST_ALIKE = 100
+_MADE = re.compile(r"(?P<begun>.+_\d{8}-\d{6})(?:-(?P<number>\d+))?_trials\.tsv")
 
 
 class TrialsFile:
@@ -96,20 +97,35 @@ class TrialsFile:
                 self._file.close()
 
     def _made(self, first: Presentation) -> TextIO:
-        self._file = file = self._path.open("x", encoding="utf-8")
+        self._file = file = self._opened()
         self._first_ns = first.begun_ns
         print(*COLUMNS, sep="\t", file=file, flush=True)
         return file
+
+    def _opened(self) -> TextIO:
+        """Between the choice of the name and the first trial another calibration of the same second
+        may have taken it: this one then has the next. A name that was given is that one alone.
+        """
+        while True:
+            try:
+                return self._path.open("x", encoding="utf-8")
+            except FileExistsError:
+                following = _following(self._path)
+                if following is None:
+                    raise
+                self._path = following
 
     def _row(
         self, presented: Presentation, ask: Ask, answer: Answer | None, now_ns: int
     ) -> tuple[object, ...]:
         conditions = self._conditions
+        # The whole array may be slower than asked for.
+        rate_hz = presented.rate_hz or conditions.rate_hz
         wall_s = (presented.begun_ns + self._wall_offset_ns()) / 1e9
         wall = datetime.datetime.fromtimestamp(wall_s).astimezone()
         known = (
             _seconds(presented.begun_ns - self._first_ns),
-            f"{conditions.presentation_s:.3f}",
+            f"{conditions.pulses / rate_hz:.3f}",
             wall.isoformat(timespec="milliseconds"),
             self._trials,
             presented.electrode,
@@ -124,7 +140,7 @@ class TrialsFile:
             presented.resistance_ohm,
             conditions.method,
             conditions.width_us,
-            f"{conditions.rate_hz:g}",
+            f"{rate_hz:g}",
             conditions.pulses,
             conditions.polarity,
         )
@@ -148,6 +164,17 @@ def new_trials_path(
     path = next((path for path in paths if not path.exists()), paths[-1])
     check_new_file(path)
     return path
+
+
+def _following(path: Path) -> Path | None:
+    """The next one of those that begin in the same second; None after the last, and of a name that
+    is none of `new_trials_path`.
+    """
+    made = _MADE.fullmatch(path.name)
+    number = 0 if made is None else int(made["number"] or 1) + 1
+    if made is None or number >= _MOST_ALIKE:
+        return None
+    return path.with_name(f"{made['begun']}-{number}_trials.tsv")
 
 
 def _place_of_reference(presented: Presentation) -> int | None:
