@@ -142,11 +142,11 @@ class GatewayRig:
 
     def until(self, is_there: Callable[[], bool]) -> None:
         """Step until `is_there`; fails if it does not come to be."""
-        for _ in range(PATIENCE):
-            if is_there():
-                return
-            self.step()
-        raise AssertionError("what was waited for did not happen")
+        _until(is_there, self.step)
+
+    def until_gateway(self, is_there: Callable[[], bool]) -> None:
+        """The same with an engine that hangs."""
+        _until(is_there, lambda: self.gateway.step(5))
 
     def ask(self, data: bytes | str) -> dict[str, Any]:
         """Any bytes to the control socket; the reply as it came."""
@@ -173,6 +173,14 @@ class GatewayRig:
 
     def counter(self, name: str) -> int:
         return int(self.call(op="status")["status"]["counters"].get(name, 0))
+
+
+def _until(is_there: Callable[[], bool], step: Callable[[], None]) -> None:
+    for _ in range(PATIENCE):
+        if is_there():
+            return
+        step()
+    raise AssertionError("what was waited for did not happen")
 
 
 class ServedRig(GatewayRig):

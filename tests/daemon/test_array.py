@@ -95,6 +95,7 @@ def test_distances_are_those_of_a_plane(a: int, b: int, c: int) -> None:
         ("x_mm = 0.0", "x_mm = nan", r"electrode\[1\]\.x_mm: it says nan"),
         ("x_mm = 0.0", "x_mm = inf", r"electrode\[1\]\.x_mm: it says inf"),
         ("x_mm = 0.0", "x_mm = -2.0", r"electrode\[1\]: it is where electrode 0 is"),
+        ("x_mm = 0.0", "x_mm = -1.91", r"electrode\[1\]: it is 0.09 mm from electrode 0"),
         ("output = 7", "output = 1", r"electrode\[2\].output: output 1 belongs to electrode 1"),
         ("output = 7", "output = 256", r"electrode\[2\]\.output: it says 256"),
         ("output = 7", "outptu = 7", "unknown field `outptu`"),

@@ -281,7 +281,7 @@ def test_whether_a_k_may_be_used_is_told_of_a_calibration(
     ("date", "told"),
     [
         ("2026-01-15", "at a body site that allows it (felt_may_raise)"),
-        ("2099-01-01", "site that allows it (felt_may_raise), in doubt: in the second half of 600"),
+        ("2099-01-01", "--adaptation), in doubt: in the second half of 600"),
         ("1990-01-01", "the person's word raises nothing: in the second half of 600 s of use"),
     ],
 )

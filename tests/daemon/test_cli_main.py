@@ -193,6 +193,14 @@ def test_with_json_an_error_is_one_object_on_standard_output(
         ),
         (["run", "--array", "pad-8"], "--array needs --board fake"),
         (
+            ["run", "--board", "fake", "--part", "engine", "--seconds", "1"],
+            "--seconds goes without --part",
+        ),
+        (
+            ["run", "--board", "fake", "--part", "gateway", "--seconds", "1"],
+            "--seconds goes without --part",
+        ),
+        (
             ["run", "--board", "fake", "--trace", "t", "--board-socket", "s"],
             "writes its own trace",
         ),
@@ -217,6 +225,33 @@ def test_stop_tells_two_daemons_of_one_name_apart() -> None:
     told = lines_of(answers)
     assert told[1].startswith("main (ipc:///run/user/1000/etd/main/control.sock): silent")
     assert told[2].startswith("left: silent")
+
+
+@pytest.mark.parametrize("folder", ["d8", "its own/d8"])
+def test_a_folder_is_no_name_to_stop_a_service_by(
+    folder: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where it could be one: the daemon may have any name, and is no service."""
+    assert cli.main(["stop", "--folder", folder]) == 3
+    said = capsys.readouterr().out
+    assert said.startswith(f"{folder}: NOT STOPPED")
+    assert "then end\n  the `etd run` that runs it" in said
+    state = "d8/state" if folder == "d8" else "'its own/d8/state'"
+    assert f"`etd safe --config FILE --state {state}`" in said
+    assert "systemctl" not in said
+    assert "--name" not in said
+    assert cli.main(["stop", "--json", "--folder", folder]) == 3
+    (answer,) = json.loads(capsys.readouterr().out)["daemons"]
+    assert (answer["name"], answer["folder"]) == (None, folder)
+
+
+def test_a_name_that_does_not_answer_is_told_with_its_service(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert cli.main(["stop", "--name", "left"]) == 3
+    said = capsys.readouterr().out
+    assert "run\n  `systemctl stop etd-engine@left` and `etd safe --name left`." in said
 
 
 def test_a_name_that_cannot_be_a_folder_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
@@ -298,6 +333,13 @@ with contextlib.redirect_stdout(io.StringIO()):
     main(["check", "etd.toml"])
 print(json.dumps(list(sys.modules)))
 """
+IMPORTED_BY_STOP = """
+import contextlib, io, json, sys
+from etd.cli import main
+with contextlib.redirect_stdout(io.StringIO()):
+    main(["stop", "--folder", sys.argv[1]])
+print(json.dumps(list(sys.modules)))
+"""
 IMPORTED_BY_NOTHING = "import json, sys; print(json.dumps(list(sys.modules)))"
 
 
@@ -336,6 +378,14 @@ def test_safe_needs_the_hal_and_the_standard_library_only() -> None:
     packages = {name.split(".")[0] for name in loaded} - sys.stdlib_module_names
     # msgspec takes typing_extensions where it is installed, and does without where it is not.
     assert packages - {"typing_extensions"} == {"etd", "etd_hal", "msgspec"}
+
+
+def test_a_stop_waits_for_no_module_that_it_has_no_use_for(tmp_path: Path) -> None:
+    loaded = modules_of(IMPORTED_BY_STOP, str(tmp_path)) - modules_of(IMPORTED_BY_NOTHING)
+    assert "etd.client.stopping" in loaded
+    assert not {"zmq", "asyncio", "numpy", "rich"} & {name.split(".")[0] for name in loaded}
+    unused = {"display", "ssh", "course", "telemetry", "patterns"}
+    assert not {f"etd.client.{name}" for name in unused} & loaded
 
 
 def test_the_engine_part_holds_no_zeromq_and_no_network_side() -> None:

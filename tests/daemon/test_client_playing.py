@@ -80,8 +80,8 @@ def test_each_frame_is_fired_for_its_time_and_then_nothing(daemon: SteppedDaemon
     assert spans_ns[3][0] - spans_ns[2][0] >= 155 * MS, "its silence was waited for"
     assert max(phase.from_ns for phase in phases) <= over_ns + 25 * MS
     assert (played.frames, played.not_fired, played.slowed_to_hz) == (3, {}, None)
-    # Told by these reports too: less by a scan where the first one comes late.
-    assert played.played_s >= 0.36 - 1 / 60
+    # Told by these reports too: less by some scans where the first ones come late.
+    assert played.played_s >= 0.25
 
 
 def test_it_is_repeated(daemon: SteppedDaemon) -> None:

@@ -22,6 +22,7 @@ from engine_scenes import (
     scans,
 )
 from etd.engine.accounts import OpenAccount
+from etd.engine.commands import MOST_AWAITED
 from etd.protocol.frame import Frame
 from etd.protocol.link import Answer, ArmBoard, AskAccount, CloseLease, KeepLease, NewFrame, StopNow
 from etd.protocol.outcome import Account
@@ -251,6 +252,15 @@ def test_who_awaits_an_account_gets_it_at_a_halt(make_rig: MakeRig) -> None:
     account = rig.wait_for(ref).account
     assert account is not None
     assert (account.ended, account.pulses[3] > 0) == ("silenced", True)
+
+
+def test_no_more_are_awaited_than_a_gateway_has_requests(make_rig: MakeRig) -> None:
+    rig = fully_open(make_rig(electrodes=N))
+    rig.show(current_ua=only(N, e3=1_000), ttl_ms=1_000, rate_hz=50.0, account=True)
+    for _ in range(MOST_AWAITED):
+        rig.commands.send(AskAccount(ref=rig.next_ref(), lease=LEASE, seq=rig.last_seq))
+    told = rig.ask(AskAccount, lease=LEASE, seq=rig.last_seq)
+    assert told.error == "busy"
 
 
 # --- a preview ------------------------------------------------------------------------------------

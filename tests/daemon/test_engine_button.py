@@ -8,7 +8,7 @@ import pytest
 
 from engine_rig import EngineRig
 from engine_scenes import MS, clamps, config, fully_open, only, phases, states
-from etd.stabilize.said import AT_ONCE_TIMES, LOWERED_BY
+from etd.stabilize.said_electrode import AT_ONCE_TIMES, LOWERED_BY
 from etd_hal.boardfile import EdgeInput
 
 pytestmark = pytest.mark.slow

@@ -23,6 +23,7 @@ from engine_scenes import (
 )
 from etd.protocol.frame import Frame
 from etd.protocol.link import (
+    Answer,
     ArmBoard,
     AskAccount,
     ClearHalt,
@@ -301,6 +302,20 @@ def test_a_halt_is_not_cleared_while_a_stop_line_is_open(make_rig: MakeRig, line
     rig.fake.world.release(line)  # type: ignore[arg-type]
     rig.run_ms(5)
     assert rig.ask(ClearHalt).error is None
+
+
+@pytest.mark.parametrize("is_found_by_sending", [False, True])
+def test_a_stop_of_a_gateway_that_is_killed_at_once_halts(
+    make_rig: MakeRig, is_found_by_sending: bool
+) -> None:
+    rig = fully_open(make_rig(electrodes=N), 1_000)
+    rig.commands.send(StopNow(ref=0, client="operator"))
+    rig.commands.close()
+    rig.frames.close()
+    if is_found_by_sending:
+        rig.engine.components.gateway_link.send(Answer(ref=7))
+    rig.run_ms(20)
+    assert rig.state == "HALTED"
 
 
 def test_a_stop_is_heard_behind_a_flood_of_frames(make_rig: MakeRig) -> None:

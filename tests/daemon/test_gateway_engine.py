@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 import zmq
 
+from etd.gateway.stops import ANSWERED_WITHIN_NS
 from etd.protocol.link import ArmBoard, PulseBatch, Report, StopNow
 from etd.protocol.messages import Marked, RefusedReport
 from etd.protocol.pulse_row import ROW_BYTES
 from gateway_rig import PATIENCE, GatewayRig
 from raw_client import connected, hello, part
-from scripted_engine import ScriptedEngine
+from scripted_engine import ScriptedEngine, full_answer
 
 
 def subscribe(rig: GatewayRig, *topics: str) -> zmq.Socket[bytes]:
@@ -119,6 +120,57 @@ def test_a_stop_that_the_engine_does_not_take_cuts_the_link() -> None:
         assert "its link was closed" in reply["reason"]
         rig.engine.is_reading = True
         rig.until(lambda: not rig.engine.is_connected)
+
+
+def test_a_stop_that_the_engine_does_not_answer_in_time_cuts_the_link() -> None:
+    with GatewayRig() as rig:
+        rig.engine.answer = lambda _: None
+        rig.control.send(b'{"op":"arm","id":1}')
+        rig.until(lambda: len(rig.engine.heard) == 1)
+        rig.control.send(b'{"op":"stop","id":2}')
+        rig.until(lambda: len(rig.engine.heard) == 2)
+        rig.clock.t_ns += ANSWERED_WITHIN_NS - 1
+        rig.step(3)
+        assert rig.engine.is_connected
+        assert not rig.control.poll(0)
+        rig.clock.t_ns += 1
+
+        def answered(**request: object) -> dict[str, Any]:
+            if request:
+                rig.control.send(json.dumps(request).encode())
+            rig.until_gateway(lambda: bool(rig.control.poll(0)))
+            return dict(json.loads(rig.control.recv()))
+
+        stopped, armed = sorted((answered(), answered()), key=lambda reply: -reply["id"])
+        assert stopped["error"] == armed["error"] == "engine_gone"
+        assert "did not answer the stop, so its link was closed" in stopped["reason"]
+        assert "etd safe" in stopped["reason"]
+        assert "whether it runs is not known" in armed["reason"]
+        for op in ("hello", "arm"):
+            assert "whether it runs is not known" in answered(op=op)["reason"]
+        assert answered(op="status")["status"]["engine"] == "silent"
+        rig.until(lambda: rig.engine.is_connected)
+        rig.engine.answer = full_answer
+        assert rig.call(op="stop")["ok"]
+
+
+def test_a_stop_that_an_engine_has_not_begun_to_read_is_answered_and_waits_for_it() -> None:
+    rig = GatewayRig()
+    try:
+        rig.gateway.step(0)
+        rig.control.send(b'{"op":"stop","id":2}')
+        for _ in range(PATIENCE):
+            rig.gateway.step(5)
+            if rig.control.poll(0):
+                break
+            rig.clock.t_ns += ANSWERED_WITHIN_NS // 10
+        reply = rig.reply()
+        assert reply["error"] == "engine_gone"
+        assert "the stop waits for it" in reply["reason"]
+        rig.until(lambda: bool(rig.engine.heard))
+        assert isinstance(rig.engine.heard[0], StopNow)
+    finally:
+        rig.__exit__(None, None, None)
 
 
 @pytest.mark.parametrize("op", ["arm", "stop", "frame"])

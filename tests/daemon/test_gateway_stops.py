@@ -328,6 +328,18 @@ def test_that_one_is_a_stop_is_known_before_it_is_decoded(
     assert is_stop(inbound) is isinstance(request, Stop)
 
 
+@pytest.mark.parametrize(
+    "data",
+    [
+        b'\n{"client":{"a":1},"op":"stop"}',
+        b' {"id":5,"x":[{"a":1}],"op":"stop"}',
+        b'\xef\xbb\xbf{"op":"stop","client":"with a mark in front"}',
+    ],
+)
+def test_nothing_in_front_of_it_hides_a_stop(data: bytes) -> None:
+    assert isinstance(read_request(InboundMessage(1, (), 0, data)), Stop)
+
+
 def test_a_stop_that_a_proxy_has_passed_on_is_heeded_and_answered_the_same_way(
     rig: GatewayRig,
 ) -> None:

@@ -55,7 +55,7 @@ def test_what_was_not_granted_is_told_once_for_each_engine() -> None:
     for _ in range(2):
         for state in ("SAFE", "ARMED", "SAFE"):
             journal.state(report(state, not_granted=("no real time",)))
-        journal.engine_lost()
+        journal.engine_lost(is_cut_off=False)
     assert [line for line in lines_of(journal, stream) if "no real time" in line] == [
         "etd main: no real time"
     ] * 2
@@ -201,7 +201,7 @@ def test_an_engine_that_comes_and_goes_in_a_loop_is_told_in_short() -> None:
     journal = Journal("main", stream)
     for _ in range(1_000):
         journal.engine_found(engine_hello())
-        journal.engine_lost()
+        journal.engine_lost(is_cut_off=False)
     journal.refusals(Counter(), SUM_UP_NS)
     lines = lines_of(journal, stream)
     assert len(lines) <= 50

@@ -90,6 +90,21 @@ def test_stop_halts_until_it_is_cleared(shared: CommandRig) -> None:
     assert shared.run("clear", "--json").answer["error"] == "wrong_state"
 
 
+def test_a_stop_of_an_engine_that_hangs_says_so_and_what_to_do(rig: CommandRig) -> None:
+    with rig.daemon() as running:
+        engine = running.children()["engine"]
+        os.kill(engine, signal.SIGSTOP)
+        try:
+            stopped = rig.run("stop")
+            status = rig.run("status")
+        finally:
+            os.kill(engine, signal.SIGCONT)
+    assert stopped.status == 3
+    assert "the engine did not answer the stop, so its link was closed" in stopped.out
+    assert "press the stop button or run `etd safe`" in stopped.out
+    assert "nothing is driven" not in status.out
+
+
 def test_the_verbs_reach_a_daemon_by_its_folder(rig: CommandRig) -> None:
     """From another working folder, too: what it names is a whole path."""
     folder = rig.folder / "its own"

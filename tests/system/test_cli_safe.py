@@ -126,6 +126,15 @@ def test_a_configuration_without_a_board_says_so(rig: CommandRig) -> None:
     assert "board: it is missing" in refused.err
 
 
+def test_a_pipe_in_the_place_of_the_configuration_is_not_waited_for(rig: CommandRig) -> None:
+    config = rig.folder / "etd.toml"
+    os.mkfifo(config)
+    refused = rig.run("safe", "--config", str(config))
+    assert refused.status == 1
+    assert "it is a pipe" in refused.err
+    assert "name the board: --board and --machine" in refused.err
+
+
 @pytest.fixture
 def copy(rig: CommandRig, board: RunningBoard) -> Path:
     """What an engine on Linux keeps of its board's file, in the folder that it was given."""

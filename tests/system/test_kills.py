@@ -24,9 +24,10 @@ import trace_rules
 from board_process import RunningBoard, running_board
 from command_rig import WITHIN_S
 from etd.client import Display, clock
-from etd.protocol.errors import EtdError, Refused
+from etd.protocol.errors import Refused
 from etd.protocol.messages import StateReport
 from etd_hal.boardfile import load_board
+from state_report import state_when
 
 pytestmark = pytest.mark.slow
 
@@ -86,21 +87,8 @@ class Scene:
         self.parts[part].wait(WITHIN_S)
         return clock.now_ns()
 
-    def wait_until(self, wanted: str, **fields: object) -> StateReport:
-        """The first state report in which these fields say so."""
-        deadline_ns = clock.now_ns() + int(WITHIN_S * 1e9)
-        said: object = None
-        while clock.now_ns() < deadline_ns:
-            try:
-                with Display(address=self.address) as display:
-                    said = report = display.status()
-            except EtdError as error:
-                said = error
-            else:
-                if all(getattr(report, key) == value for key, value in fields.items()):
-                    return report
-            clock.sleep_s(LOOK_S)
-        pytest.fail(f"never {wanted}: {said}")
+    def wait_until(self, **fields: object) -> StateReport:
+        return state_when(self.address, WITHIN_S, **fields)
 
     def wait_for_pulses(self, count: int) -> None:
         """Until the board has seen so many more phases."""
@@ -133,7 +121,7 @@ def scene(client: bool = True) -> Iterator[Scene]:
         stack.callback(_end_all, running.parts)
         running.start("engine")
         running.start("gateway")
-        running.wait_until("there", engine="there", state="SAFE")
+        running.wait_until(engine="there", state="SAFE")
         if client:
             running.start_client()
             running.wait_for_pulses(200)
@@ -163,7 +151,7 @@ def assert_no_rule_is_broken(board: RunningBoard) -> None:
 def test_a_killed_client_is_felt_no_longer_than_its_frame_and_its_lease_disarms() -> None:
     with scene() as running:
         killed_ns = running.kill("client")
-        report = running.wait_until("SAFE", state="SAFE", holder=None)
+        report = running.wait_until(state="SAFE", holder=None)
         assert report.last_disarm == "lapsed"
         assert last_pulse_ns(running.board) - killed_ns <= 200_000_000 + SLACK_NS
         _end_all(running.parts)
@@ -175,7 +163,7 @@ def test_a_killed_gateway_leaves_silence_and_the_engine_says_so_to_the_next_one(
         killed_ns = running.kill("gateway")
         running.parts["client"].wait(WITHIN_S)  # its frame is never answered
         running.start("gateway")
-        report = running.wait_until("there again", engine="there")
+        report = running.wait_until(engine="there")
         assert (report.state, report.holder) == ("SAFE", None)
         assert report.last_disarm == "the gateway is gone"
         assert last_pulse_ns(running.board) - killed_ns <= 2_000_000 + SLACK_NS
@@ -190,7 +178,7 @@ def test_a_gateway_that_hangs_is_found_out_after_250_ms() -> None:
         stopped_ns = clock.now_ns()
         _wait_for_silence(running.board)
         gateway.send_signal(signal.SIGCONT)
-        report = running.wait_until("SAFE", engine="there", state="SAFE", holder=None)
+        report = running.wait_until(engine="there", state="SAFE", holder=None)
         assert report.last_disarm == "the gateway is silent"
         assert last_pulse_ns(running.board) - stopped_ns <= 250_000_000 + SLACK_NS
 
@@ -211,7 +199,7 @@ def test_a_killed_engine_ends_its_message_and_safe_deselects(pulses: int) -> Non
     with scene() as running:
         running.wait_for_pulses(pulses - 200 + 1)
         killed_ns = running.kill("engine")
-        report = running.wait_until("gone", engine="gone")
+        report = running.wait_until(engine="gone")
         assert report.state == "SAFE"
         assert last_pulse_ns(running.board) <= killed_ns + SLACK_NS
         assert running.board.state().dac_code == 0
@@ -220,7 +208,7 @@ def test_a_killed_engine_ends_its_message_and_safe_deselects(pulses: int) -> Non
         assert_no_rule_is_broken(running.board)
 
         running.start("engine")
-        report = running.wait_until("back", engine="there")
+        report = running.wait_until(engine="there")
         assert (report.state, report.holder) == ("HALTED", None)
         assert report.halt is not None
         assert report.halt.source == "crash"
@@ -229,7 +217,7 @@ def test_a_killed_engine_ends_its_message_and_safe_deselects(pulses: int) -> Non
             display.arm()
         with Display(address=running.address) as display:
             display.clear()
-        running.wait_until("cleared", state="SAFE", halt=None)
+        running.wait_until(state="SAFE", halt=None)
         assert last_pulse_ns(running.board) <= killed_ns + SLACK_NS, "a restart fired"
 
 
@@ -253,7 +241,7 @@ def test_a_second_engine_and_a_second_gateway_are_refused() -> None:
             )
             assert second.returncode == 1, second.stderr
             assert b"already running" in second.stderr
-        running.wait_until("unharmed", engine="there", state="SAFE")
+        running.wait_until(engine="there", state="SAFE")
 
 
 def test_the_two_parts_end_when_they_are_told_and_leave_no_sockets() -> None:

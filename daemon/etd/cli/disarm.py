@@ -11,10 +11,10 @@ import json
 import zmq
 
 from etd.cli import options
-from etd.client.connection import way_to
 from etd.client.exchange import Exchange
 from etd.client.session import Session
 from etd.client.way import Way
+from etd.client.ways import way_to
 from etd.protocol.errors import Refused
 
 HELP = "switch the supply off; the lease stays with its holder"

@@ -52,7 +52,7 @@ def private_daemon(
     """
     check_fake()
     # After the check: it needs the daemon's Python.
-    from etd.cli.process_pair import ProcessPair
+    from etd.cli.process_pair import READY_WITHIN_S, ProcessPair
 
     with termination_as_ctrl_c(), tempfile.TemporaryDirectory(prefix="etd-") as temporary:
         folder = Path(temporary)
@@ -63,7 +63,7 @@ def private_daemon(
         with open(folder / "log", "w+", encoding="utf-8") as log:
             try:
                 with ProcessPair(arguments, folder, log) as both:
-                    both.wait_until_ready()
+                    both.wait_until_ready(READY_WITHIN_S * (timeout_factor or 1))
                     with _death_explains(both):
                         yield both.address
             except PartEnded:

@@ -29,6 +29,9 @@ from etd.files.paths import TELEMETRY, address_of, sibling_address
 from etd.protocol.errors import NO_TIME, DaemonGone, PartEnded
 
 PARTS = ("engine", "gateway")
+#: A program of ours. `-P`: no module is looked for in the folder that it happens to be started in,
+#: where others may have put theirs (`/tmp`).
+ETD = (sys.executable, "-P", "-m", "etd")
 #: From start to ready; an engine takes a second or two on a small machine.
 READY_WITHIN_S = 20.0
 #: From the signal to the end; the engine makes the board safe meanwhile.
@@ -59,7 +62,7 @@ class Part:
         }
         # A process group of their own: Ctrl-C must reach this process only, which then ends both.
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "etd", "run", "--part", name, "--lifeline", *arguments],
+            [*ETD, "run", "--part", name, "--lifeline", *arguments],
             stdin=subprocess.PIPE,
             stdout=log or sys.__stderr__,
             stderr=log,

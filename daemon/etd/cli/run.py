@@ -117,6 +117,8 @@ def run(args: argparse.Namespace) -> int:
         check_fake()
     if args.wait and args.part != "engine":
         args.misused("--wait needs --part engine: only a service can start before its devices")
+    if args.seconds is not None and args.part is not None:
+        args.misused("--seconds goes without --part: a part runs until it is told to end")
     folder = args.folder if args.folder is not None else runtime_folder(args.name)
     prepare_runtime(folder)
     if args.record is not None:
@@ -182,7 +184,7 @@ def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> i
 
 def _run_alone(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
     # Imported here: no process loads what only another part needs. The engine has no ZeroMQ.
-    from etd.cli.process_pair import ProcessPair
+    from etd.cli.process_pair import READY_WITHIN_S, ProcessPair
 
     for sentence in loaded.mended:
         print(f"mended: {shown(sentence)}", file=sys.stderr)
@@ -191,7 +193,7 @@ def _run_alone(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> 
     with _endings() as wakeup:
         try:
             with both:
-                both.wait_until_ready()
+                both.wait_until_ready(READY_WITHIN_S * (args.timeout_factor or 1))
                 print(
                     f"etd {args.name} is ready (backend: {loaded.config.backend};"
                     f" board {loaded.board.name}, array {loaded.array.name},"
@@ -257,7 +259,9 @@ def _make_safe_after(
 
 
 def _safe_command(args: argparse.Namespace, loaded: LoadedConfig) -> list[str]:
-    command = [sys.executable, "-m", "etd", "safe", "--name", args.name]
+    from etd.cli.process_pair import ETD
+
+    command = [*ETD, "safe", "--name", args.name]
     if args.config is not None:
         command += ["--config", str(args.config)]
     if args.board is not None:
@@ -305,6 +309,7 @@ def _run_engine(
         _selftest_file(args, loaded),
         on_ready,
         calibrations=calibrations,
+        is_of_one_user=args.lifeline,
         supply_note=note if refusal is None else None,
         note_refusal=refusal,
     )

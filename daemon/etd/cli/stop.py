@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 
 import msgspec
 
 from etd.cli import NOT_THERE, options, status_of
-from etd.client.connection import host_asked_for
 from etd.client.stopping import stop_at
+from etd.client.ways import host_asked_for
 from etd.files.paths import (
     CONTROL,
     DEFAULT_NAME,
@@ -56,12 +58,19 @@ _LEFT_OVER = "no daemon listens any more"
 
 
 class Stopped(msgspec.Struct, frozen=True, kw_only=True):
-    """The result for a daemon; `error` None: it is silent and HALTED."""
+    """The result for a daemon; `error` None: it is silent and HALTED. `name` None: `folder` was
+    named, which does not say it.
+    """
 
-    name: str
+    name: str | None
     address: str
     error: str | None = None
     is_there: bool = True
+    folder: str | None = None
+
+    @property
+    def called(self) -> str:
+        return self.name or self.folder or self.address
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,6 +99,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         daemons = [RunningDaemon(args.name, control_address(args.name))]
     answers = _stop_each(host, there, daemons)
+    if args.folder is not None:
+        answers = [_of_folder(stopped, args.name, args.folder) for stopped in answers]
     if is_all:
         others = find_daemons_of_others()
         answers += _stop_each(None, None, others.daemons)
@@ -142,14 +153,20 @@ def _stop(host: str | None, there: str | None, daemon: RunningDaemon) -> Stopped
     return Stopped(name=daemon.name, address=daemon.address)
 
 
+def _of_folder(stopped: Stopped, name: str | None, folder: str) -> Stopped:
+    return msgspec.structs.replace(stopped, name=name, folder=folder)
+
+
 def lines_of(answers: list[Stopped]) -> list[str]:
     """By name; by address too, where two users have daemons of one name."""
-    names = Counter(stopped.name for stopped in answers)
+    names = Counter(stopped.called for stopped in answers)
     return [
         _line(
             stopped,
             shown(
-                stopped.name if names[stopped.name] == 1 else f"{stopped.name} ({stopped.address})"
+                stopped.called
+                if names[stopped.called] == 1
+                else f"{stopped.called} ({stopped.address})"
             ),
         )
         for stopped in answers
@@ -159,9 +176,14 @@ def lines_of(answers: list[Stopped]) -> list[str]:
 def _line(stopped: Stopped, called: str) -> str:
     if stopped.error is None:
         return f"{called}: silent, HALTED until `etd clear`"
-    then = "end\n  the `etd run` that runs it."
-    if re.search(NAME_PATTERN, stopped.name):
-        name = stopped.name
+    then, name = "end\n  the `etd run` that runs it.", stopped.name
+    if stopped.folder is not None:
+        state = shown(shlex.quote(str(Path(stopped.folder) / "state")))
+        then = (
+            "end\n  the `etd run` that runs it and, on hardware, run `etd safe --config FILE"
+            f" --state {state}`\n  with its FILE and its --state, if it was started with one."
+        )
+    elif name is not None and re.search(NAME_PATTERN, name):
         then = f"run\n  `systemctl stop etd-engine@{name}` and `etd safe --name {name}`."
     return (
         f"{called}: NOT STOPPED: {shown(stopped.error)}\n"

@@ -18,7 +18,7 @@ import zmq.asyncio
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
 from etd.client.drive import has_ended
-from etd.client.exchange import settled
+from etd.client.replies import settled
 from etd.client.session import KEEP_S, Ask, Flow, Session
 from etd.client.way import Way, closed, silent
 from etd.protocol.errors import DaemonGone, EtdError, Refused

@@ -14,7 +14,7 @@ from typing import Final, TypeVar
 
 from etd.client import clock
 from etd.client.drive import drive
-from etd.client.exchange import settled
+from etd.client.replies import settled
 from etd.client.session import Ask, Flow, Session
 from etd.client.way import Way, silent, unreadable
 from etd.protocol.errors import EtdError, Refused

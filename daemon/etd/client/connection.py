@@ -6,7 +6,6 @@ a reply is waited for.
 
 from __future__ import annotations
 
-import os
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -22,9 +21,9 @@ from etd.client.options import FrameOptions, Kind, frame_fields
 from etd.client.patterns import PatternOptions
 from etd.client.playing import Playing
 from etd.client.session import Session
-from etd.client.ssh import SshWay
 from etd.client.values import Numbers
-from etd.client.way import LocalWay, Way, closed
+from etd.client.way import closed
+from etd.client.ways import way_to
 from etd.files.paths import DEFAULT_NAME
 from etd.protocol.messages import HelloReply
 from etd.protocol.opening import LeaseCalibration
@@ -76,6 +75,8 @@ class Connection(ABC, Generic[S]):
         self._way = way_to(name, host, address)
         self._session.daemon_clock = DaemonClock(is_here=self._way.is_here)
         self.address = self._way.control
+        #: As errors name the daemon: also the computer that it is on, where that is another one.
+        self.place = self._way.place
         self._timeout_s = timeout_s
         self._context = self._new_context()
         self._frames: S | None = None
@@ -173,17 +174,3 @@ class Connection(ABC, Generic[S]):
     def _hang_up(self) -> None:
         self._context.destroy(linger=0)
         self._way.close()
-
-
-def way_to(name: str, host: str | None, address: str | None) -> Way:
-    """Raises: Refused for an address that cannot be used; DaemonGone if ssh does not connect."""
-    if address is None:
-        host = host_asked_for(host)
-    if host is not None:
-        return SshWay(host, name, address)
-    return LocalWay(wire.resolve(name, address))
-
-
-def host_asked_for(host: str | None) -> str | None:
-    """`host`, or else ETD_HOST; None: this computer."""
-    return host or os.environ.get("ETD_HOST") or None

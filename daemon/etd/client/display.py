@@ -287,11 +287,11 @@ class Display(Connection["zmq.Socket[bytes]"]):
         by twice as much as the time before. Good and too weak give that back at once, by at most
         5 % in any minute and not within one of too strong. Too weak raises levels above the
         frame's own, by no more and by 20 % in all, only where the body site allows it
-        (`facts.felt_may_raise`; no shipped one does), and only for a person whose calibration
-        tells that they feel less in use. What was said is gone when the board is
-        disarmed. A program that does not hold the lease can only lower.
-        `did` of the reply: "lowered", "gives_back", "raises" or "nothing"; `reason`: why it did
-        no more, or in how many seconds it will.
+        (`facts.felt_may_raise`; no shipped one does) and the calibration tells that they feel less
+        in use. If it tells how fast, good keeps what is felt: it raises by what a minute of use
+        takes, not after too strong. All is gone when the board is disarmed. Without the lease a
+        program can only lower.
+        `did` of the reply: "lowered", "gives_back", "raises", "nothing"; `reason`: why no more.
         Raises: Refused (`not_armed`, `other_lease`, `no_lease`; `wrong_state`: not fired in the
         last minute; `bad_message`).
         """

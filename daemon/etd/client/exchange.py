@@ -16,22 +16,13 @@ import zmq
 from etd.client import clock, wire
 from etd.client.course import Course, Pause
 from etd.client.drive import drive
-from etd.client.session import KEEP_S, UNREADABLE, Ask, Flow, Session
-from etd.client.way import Way, closed, silent, unreadable
+from etd.client.replies import settled
+from etd.client.session import KEEP_S, Ask, Flow, Session
+from etd.client.way import Way, closed, silent
 from etd.protocol.errors import DaemonGone, EtdError, Refused
 from etd.protocol.messages import Success
 
 R = TypeVar("R")
-
-
-def settled(session: Session, way: Way, ask: Ask, data: bytes) -> Success | None:
-    """The reply to `ask`; None if it answers another. Raises: Refused; DaemonGone for what is no
-    reply: a socket may be of any program.
-    """
-    try:
-        return session.settle(ask, data)
-    except UNREADABLE as error:
-        raise unreadable(way, ask.op, error) from None
 
 
 class Exchange:

@@ -10,8 +10,8 @@ another user's: see `bounded.py`.
 from __future__ import annotations
 
 from etd.client.bounded import BoundedExchange
-from etd.client.connection import way_to
 from etd.client.session import Session
+from etd.client.ways import way_to
 
 
 def stop_at(

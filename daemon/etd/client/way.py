@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from etd.client import calibration_files, wire
+from etd.client import calibration_files
+from etd.client.address import check_there
 from etd.files.paths import FRAMES, TELEMETRY, sibling_address
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import HELD_UP, DaemonGone
@@ -56,7 +57,7 @@ class LocalWay:
         self.telemetry = sibling_address(address, TELEMETRY)
 
     def check_there(self) -> None:
-        wire.check_there(self.control)
+        check_there(self.control)
 
     def check_alive(self) -> None:
         """A gateway that has ended may come back while it is waited for."""

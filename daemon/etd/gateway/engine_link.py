@@ -28,8 +28,20 @@ from etd.protocol.messages import StateReport
 MESSAGES_A_TURN = 256
 
 _GONE = (
-    "the engine, which drives the board, is not running, so nothing is stimulated; a new engine"
-    " starts in SAFE; see the engine's log"
+    "the engine, which drives the board, is not running, or is still starting, so nothing is"
+    " stimulated; it starts in SAFE; see its log"
+)
+_STOP_UNANSWERED = (
+    "the engine did not answer the stop, so its link was closed, which stops it as well if it runs;"
+    " if anything is felt, press the stop button or run `etd safe`"
+)
+_CUT_OFF = (
+    "the engine did not answer a stop, its link was closed, and it has not come back: whether it"
+    " runs is not known; if anything is felt, press the stop button or run `etd safe`"
+)
+_STOP_UNHEARD = (
+    "an engine listens and has not said a word since the gateway connected: the stop waits for it,"
+    " and is not answered yet; if anything is felt, press the stop button or run `etd safe`"
 )
 _STOP_CUT = (
     "the engine did not accept the stop, so its link was closed: stimulation ends within 250 ms;"
@@ -46,6 +58,8 @@ class EngineLink:
         self._channels: tuple[Channel[link.ToGateway], Channel[link.ToGateway]] | None = None
         self._engine_hello: EngineHello | None = None
         self.state: StateReport | None = None
+        #: It did not answer a stop; until an engine says hello, it is not known whether it runs.
+        self.is_cut_off = False
 
     @property
     def is_connected(self) -> bool:
@@ -60,10 +74,14 @@ class EngineLink:
         """The other end has hung up, and `hang_up` is due here."""
         return self._channels is not None and not all(channel.is_open for channel in self._channels)
 
+    @property
+    def why_gone(self) -> str:
+        return _CUT_OFF if self.is_cut_off else _GONE
+
     def engine_hello(self) -> EngineHello:
         """The facts of the board. Raises: Refused (`engine_gone`)."""
         if self._engine_hello is None:
-            raise Refused("engine_gone", _GONE)
+            raise Refused("engine_gone", self.why_gone)
         return self._engine_hello
 
     def check_not_halted(self) -> None:
@@ -82,12 +100,15 @@ class EngineLink:
             self._channels = link.connect(self._folder)
 
     def hang_up(self) -> None:
-        """Close the link and discard the engine's facts; idempotent."""
+        """Close the link and discard the engine's facts; idempotent. Of one that was cut off the
+        last state stays, since no later one is known.
+        """
         for channel in self._channels or ():
             channel.close()
         self._channels = None
         self._engine_hello = None
-        self.state = None
+        if not self.is_cut_off:
+            self.state = None
 
     def break_off(self) -> None:
         """The engine has sent what cannot be decoded: it has ended as far as this gateway goes."""
@@ -118,7 +139,7 @@ class EngineLink:
     def _open_channel(self, which: int) -> Channel[link.ToGateway]:
         """Raises: Refused (`engine_gone`), also between the engine's end and `hang_up`."""
         if self._channels is None or not self._channels[which].is_open:
-            raise Refused("engine_gone", _GONE)
+            raise Refused("engine_gone", self.why_gone)
         return self._channels[which]
 
     def record_pulses(self, is_on: bool) -> bool:
@@ -133,6 +154,22 @@ class EngineLink:
             commands.close()
             raise Refused("engine_gone", _STOP_CUT)
 
+    def cut_off(self) -> str:
+        """After a stop that was not answered; what that means for the skin. An engine that has not
+        begun keeps the link: the stop in it is the first that it reads.
+        """
+        if self._engine_hello is None:
+            return _STOP_UNHEARD
+        self.is_cut_off = True
+        for channel in self._channels or ():
+            channel.close()
+        return _STOP_UNANSWERED
+
+    @property
+    def timeout_factor(self) -> int:
+        """Of the engine's time-outs, as far as it has told them."""
+        return 1 if self.state is None else self.state.timeout_factor
+
     def receive(self) -> Iterator[link.ToGateway]:
         """The engine's messages; its hello and its state are also stored."""
         for _ in range(MESSAGES_A_TURN):
@@ -140,7 +177,7 @@ class EngineLink:
             if message is None:
                 return
             if isinstance(message, EngineHello):
-                self._engine_hello = message
+                self._engine_hello, self.state, self.is_cut_off = message, None, False
             if isinstance(message, Report) and message.state is not None:
                 self.state = message.state
             yield message

@@ -50,7 +50,7 @@ _CHOICES_OF_OP["calibration", "do"] += (
 #: Characters, in a reason, of what a client sent.
 _MOST_QUOTED = 200
 _PER_ELECTRODE = re.compile(r"(?:level|current_ua|width_us|polarity|rate_hz|returns)\[(\d+)\]")
-_STOP = re.compile(rb'^\s*{(?:[^{}]*,)?\s*"op"\s*:\s*"stop"\s*(?:[,}]|$)')
+_STOP = re.compile(rb'^(?:\xef\xbb\xbf)?\s*{(?:[^{}]*,)?\s*"op"\s*:\s*"stop"\s*(?:[,}]|$)')
 _NO_NUMBER = re.compile(rb"[:\[,]\s*[-+]?(?:nan|inf)", re.IGNORECASE)
 
 
@@ -181,8 +181,8 @@ def read_frame(inbound: InboundMessage) -> FrameRequest:
 
 def _read(data: bytes, decoder: msgspec.json.Decoder[Any]) -> Any:
     if not data.startswith(b"{"):
-        what = "a message must be one JSON object in UTF-8, from { on"
-        raise Unreadable(Refused("bad_message", what))
+        what, head = "a message must be one JSON object in UTF-8, from { on", _head_of(data)
+        raise Unreadable(Refused("bad_message", what), head.id, head.op)
     try:
         return decoder.decode(data)
     except msgspec.ValidationError as error:

@@ -23,6 +23,11 @@ from etd.protocol.messages import StateReport
 from etd.protocol.text import shown
 
 _QUEUE_LENGTH = 1_000
+_LOST = "engine gone: nothing is stimulated, and no lease stands"
+_CUT_OFF = (
+    "engine cut off, since it did not answer a stop: whether it runs is not known, and no lease"
+    " stands; if anything is felt, press the stop button or run `etd safe`"
+)
 #: Counters of the engine, each logged once it begins to count: measurements that are rejected, so
 #: that stabilizers leave the pulse as the frame has it.
 _REJECTED = {
@@ -176,11 +181,11 @@ class Journal:
             f" {absent}",
         )
 
-    def engine_lost(self) -> None:
+    def engine_lost(self, *, is_cut_off: bool) -> None:
         self._state = ""
         self._silent_ns.clear()
         self._told.clear()
-        self._engines.tell(logging.ERROR, "engine gone: nothing is stimulated, and no lease stands")
+        self._engines.tell(logging.ERROR, _CUT_OFF if is_cut_off else _LOST)
 
     def asked_to_end(self) -> None:
         self._log.info("asked to end")

@@ -63,17 +63,18 @@ def silent_one(held: Sequence[Connection]) -> Connection | None:
 
 
 def _gives_way(newcomer: Connection, seated: Sequence[Connection]) -> Connection | None:
-    """The longest silent one, of the process that has most first. Or else one of the user, or of
-    the process, that has the most, if it has more than the newcomer's. For a newcomer of the
-    process that has most only a silent one of its own does: else a process that connects again and
-    again would end others during their handshake.
+    """The longest silent one, of the process that has most first, and of no process that has fewer
+    than the newcomer's: else one that connects again and again would end others during their
+    handshake. Or else one of the user, or of the process, that has the most, if it has more than
+    the newcomer's. For a newcomer of the process that has most only a silent one of its own does.
     """
     of_process = Counter(made.sender for made in seated)
     heaviest = max(of_process.values(), default=0)
     if of_process[newcomer.sender] >= heaviest:
         return silent_one([made for made in seated if made.sender == newcomer.sender])
     silent = silent_one([made for made in seated if of_process[made.sender] == heaviest])
-    silent = silent or silent_one(seated)
+    newcomers = of_process[newcomer.sender]
+    silent = silent or silent_one([it for it in seated if of_process[it.sender] > newcomers])
     if silent is not None:
         return silent
     owner: Callable[[Connection], object]
@@ -81,8 +82,16 @@ def _gives_way(newcomer: Connection, seated: Sequence[Connection]) -> Connection
         counts = Counter(map(owner, seated))
         ((most_of, most),) = counts.most_common(1)
         if most > counts[owner(newcomer)] + 1:
-            return next(made for made in reversed(seated) if owner(made) == most_of)
+            return _youngest_of_the_heaviest([it for it in seated if owner(it) == most_of])
     return None
+
+
+def _youngest_of_the_heaviest(theirs: Sequence[Connection]) -> Connection | None:
+    """Of those of their processes that have most, past its handshake and with nothing unread."""
+    places = Counter(made.sender for made in theirs)
+    most = max(places.values())
+    heaviest = (made for made in reversed(theirs) if places[made.sender] == most and made.is_ready)
+    return next((made for made in heaviest if not made.has_sent_more()), None)
 
 
 def _as_guest(newcomer: Connection, held: Sequence[Connection], most_guests: int) -> Verdict:

@@ -51,6 +51,7 @@ _READING_MS = 5
 _TOO_LATE = (
     "there was no answer within 15 s, of the engine or from the reading of a calibration: ask again"
 )
+_ENDED = "the engine ended before it answered"
 #: At its end the gateway waits so long for a slow disk to take the end of a record.
 _LAST_LINES_S = 2.0
 
@@ -137,7 +138,7 @@ class Gateway:
         self._hear_engine()
         self._pass_on_frames()
         now_ns = self._clock.now_ns()
-        self._give_up_on(self._pending.take_late(now_ns), _TOO_LATE)
+        self._give_up_late(now_ns)
         self.counters.update(self._sockets.take_counts())
         self._recorder.look(now_ns)
         for answer in (*self._records.written(now_ns), *self._readings.answers(now_ns)):
@@ -301,13 +302,22 @@ class Gateway:
 
     def _lose_engine(self, now_ns: int) -> None:
         if self._engine.is_there and not self.is_asked_to_end:
-            self._journal.engine_lost()
+            self._journal.engine_lost(is_cut_off=self._engine.is_cut_off)
         self._recorder.engine_gone(now_ns)
         self._engine.hang_up()
         self._leases.reset()
         self._publisher.drop_engine()
-        self._give_up_on(self._pending.take_all(), "the engine ended before it answered")
+        why = self._engine.why_gone if self._engine.is_cut_off else _ENDED
+        self._give_up_on(self._pending.take_all(), why)
         self._publisher.publish_state(now_ns)
+
+    def _give_up_late(self, now_ns: int) -> None:
+        """An engine that has not answered a stop in time is cut off, which stops as well."""
+        late = self._pending.take_late(now_ns)
+        stops = [request for request in late if request.kind == "stop"]
+        self._give_up_on([request for request in late if request.kind != "stop"], _TOO_LATE)
+        if stops:
+            self._give_up_on(stops, self._engine.cut_off())
 
     def _give_up_on(self, pending: list[PendingRequest], why: str) -> None:
         for request in pending:

@@ -60,7 +60,9 @@ class Publisher:
                 record=recorder.running,
                 record_problem=recorder.problem,
             )
-        is_silent = now_ns - self._heard_ns >= SILENT_NS * said.timeout_factor
+        is_silent = self._engine.is_cut_off or (
+            now_ns - self._heard_ns >= SILENT_NS * said.timeout_factor
+        )
         return msgspec.structs.replace(
             said,
             engine="silent" if is_silent else said.engine,
