@@ -1,10 +1,12 @@
 """`make bench-attack`: a stop while strangers do to the gateway what they can.
 
 Owns: the strangers' processes, each at nice 19; how long a stop takes to the engine and back
-meanwhile; and the gateway's memory and descriptors. Exit status 1 where a bound is not met. Must
-not know: what a stranger does (`strangers.py`), how the gateway defends itself.
+meanwhile, and `etd stop` from its start to its end; and the gateway's memory and descriptors. Exit
+status 1 where a bound is not met. Must not know: what a stranger does (`strangers.py`), how the
+gateway defends itself.
 
 The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is on this machine.
+Two strangers are users of their own where this is run as root.
 """
 
 from __future__ import annotations
@@ -30,18 +32,29 @@ from rich.table import Table  # noqa: E402
 
 from bench.latency import ended, wait_for_engine  # noqa: E402
 from bench.run import Bound, at_most  # noqa: E402
-from bench.strangers import STRANGERS, Stranger, client_of, pour_stops  # noqa: E402
+from bench.strangers import (  # noqa: E402
+    STRANGERS,
+    Stranger,
+    churn_places,
+    client_of,
+    hold_places,
+    pour_stops,
+)
 from etd.client import clock  # noqa: E402
 from etd.files.paths import TELEMETRY  # noqa: E402
 
 _HERE = Path(__file__).resolve().parent
 STOPS = 200
+#: Of so many stops one is made by the command as well, which starts a Python for each.
+_COMMAND_EVERY = 10
 #: Of a stop: until the engine has heard it, and until its reply is there; and of the gateway.
 HEARD_P99_MS, ANSWERED_P99_MS = 20.0, 50.0
 MOST_MB, MOST_DESCRIPTORS = 100.0, 300
 _WITHIN_MS = 10_000
 #: Other stops than those that are measured.
 _POURED = pour_stops.__name__
+#: Neither does harm alone: one fills what there is, the other makes others give way.
+_TAKE_PLACES = (hold_places.__name__, churn_places.__name__)
 #: So long they have been at it when the first stop is measured.
 _LOADED_S = 2.0
 
@@ -60,7 +73,8 @@ def _attack(stranger: Stranger, folder: Path) -> int:
 @dataclass(frozen=True)
 class Figures:
     """Of stops, in ms, and before each a new client's connection and first reply; `lost`: within
-    ten seconds no reply came. Of the gateway, the most.
+    ten seconds no reply came. Of `etd stop`, from its start to its end; `command_failed`: it said
+    that something is not stopped. Of the gateway, the most.
     """
 
     load: str
@@ -72,6 +86,10 @@ class Figures:
     heard_p99_ms: float
     answered_p50_ms: float
     answered_p99_ms: float
+    commands: int
+    command_failed: int
+    command_p50_ms: float
+    command_most_ms: float
     most_mb: float
     most_descriptors: int
 
@@ -94,6 +112,8 @@ def measure(load: str, strangers: tuple[str, ...], stops: int) -> Figures:
     """A gateway and an engine of its own, these strangers, and so many stops."""
     with tempfile.TemporaryDirectory(prefix="etd-bench-") as temporary, ExitStack() as stack:
         folder = Path(temporary)
+        # Who may use the display passes through; for a stranger's user as well.
+        folder.chmod(0o710)
         engine = [sys.executable, str(_HERE / "wall_engine.py"), str(folder)]
         stack.enter_context(ended(subprocess.Popen(engine, stdout=subprocess.PIPE)))
         part = ("run", "--part", "gateway", "--name", "bench", "--board", "fake")
@@ -120,10 +140,14 @@ def measure(load: str, strangers: tuple[str, ...], stops: int) -> Figures:
                 _stop(watched, reports, is_poured=is_poured)
                 for _ in track(range(stops), load, transient=True)
             ]
+            commands = [
+                _stopped_by_command(folder)
+                for _ in track(range(-(-stops // _COMMAND_EVERY)), f"{load}, etd stop")
+            ]
         assert gateway.poll() is None, "the gateway has ended"
         for name, stranger in attacking.items():
             assert stranger.poll() is None, f"{name} has ended: nothing is shown"
-        return _figures(load, found, watched)
+        return _figures(load, found, commands, watched)
 
 
 def _stop(
@@ -154,15 +178,28 @@ def _stop(
         return None
 
 
+def _stopped_by_command(folder: Path) -> float | None:
+    """In ms, with the start of its Python; None where it says that something is not stopped."""
+    begun_ns = clock.now_ns()
+    line = [sys.executable, "-m", "etd", "stop", "--folder", str(folder)]
+    ran = subprocess.run(line, check=False, capture_output=True, timeout=_WITHIN_MS / 1e3)
+    return (clock.now_ns() - begun_ns) / 1e6 if ran.returncode == 0 else None
+
+
 def _asked(client: zmq.Socket[bytes], request: bytes) -> bytes | None:
     client.send(request)
     return client.recv() if client.poll(_WITHIN_MS) else None
 
 
 def _figures(
-    load: str, found: list[tuple[float, float, float] | None], gateway: _Gateway
+    load: str,
+    found: list[tuple[float, float, float] | None],
+    commands: list[float | None],
+    gateway: _Gateway,
 ) -> Figures:
     whole = [one for one in found if one is not None]
+    by_command = sorted(one for one in commands if one is not None)
+    assert by_command, f"{load}: no `etd stop` was answered"
     assert whole, f"{load}: no stop was answered"
     connected, heard, answered = (sorted(column) for column in zip(*whole, strict=True))
     return Figures(
@@ -175,6 +212,10 @@ def _figures(
         heard_p99_ms=_percentile(heard, 0.99),
         answered_p50_ms=_percentile(answered, 0.5),
         answered_p99_ms=_percentile(answered, 0.99),
+        commands=len(commands),
+        command_failed=len(commands) - len(by_command),
+        command_p50_ms=_percentile(by_command, 0.5),
+        command_most_ms=by_command[-1],
         most_mb=gateway.most_mb,
         most_descriptors=gateway.most_descriptors,
     )
@@ -189,6 +230,7 @@ def bounds(found: Figures) -> list[Bound]:
         at_most(f"{found.load}: stops without a reply", found.lost, 0),
         at_most(f"{found.load}: heard by the engine, p99, ms", found.heard_p99_ms, HEARD_P99_MS),
         at_most(f"{found.load}: answered, p99, ms", found.answered_p99_ms, ANSWERED_P99_MS),
+        at_most(f"{found.load}: etd stop, not stopped", found.command_failed, 0),
         at_most(f"{found.load}: the gateway's memory, MB", found.most_mb, MOST_MB),
         at_most(f"{found.load}: its descriptors", found.most_descriptors, MOST_DESCRIPTORS),
     ]
@@ -202,6 +244,7 @@ def show(console: Console, found: list[Figures]) -> None:
         "connected ms (p50, p99)",
         "heard ms",
         "answered ms",
+        "etd stop, whole (p50, most)",
         "MB",
         "descriptors",
     ):
@@ -213,6 +256,8 @@ def show(console: Console, found: list[Figures]) -> None:
             f"{one.connected_p50_ms:.1f}, {one.connected_p99_ms:.1f}",
             f"{one.heard_p50_ms:.1f}, {one.heard_p99_ms:.1f}",
             f"{one.answered_p50_ms:.1f}, {one.answered_p99_ms:.1f}",
+            f"{one.command_p50_ms:.0f}, {one.command_most_ms:.0f}"
+            + (f", {one.command_failed} FAILED" if one.command_failed else ""),
             f"{one.most_mb:.0f}",
             f"{one.most_descriptors}",
         )
@@ -236,6 +281,7 @@ def main() -> int:
     loads: dict[str, tuple[str, ...]] = {"no stranger": ()}
     if args.only is None:
         loads |= {name: (name,) for name in STRANGERS}
+        loads["places taken by two users"] = _TAKE_PLACES
     loads["all of them at once"] = tuple(at_once)
     found = [measure(load, strangers, args.stops) for load, strangers in loads.items()]
     held = [bound for one in found for bound in bounds(one)]

@@ -61,7 +61,7 @@ class Measurement:
 MEASUREMENTS = (
     Measurement(
         "campaign",
-        "A fault at every operation",
+        "A fault at operations of every place of the code",
         "tests/campaign/run.py --json --write",
         "tests/campaign/run.py --json --bounded --boards kajimoto-hv507 reference-hv507",
         "The judge is the body's own account of charge; the table by fault class is in"

@@ -20,7 +20,7 @@ from functools import cache
 import numpy as np
 
 from bench.felt_person import EXPONENT, Manner, Person, times_wanted
-from bench.felt_play import ELECTRODES, HEEDED, LEVEL, finger_of
+from bench.felt_play import ELECTRODES, HEEDED, LEVEL, Raises, finger_of
 from bench.felt_whole import APART_NS, AcceptsWhole, level_1_strength, pulse
 from bench.steady_skin import MOST_CAP_UA, body_of, conditions_of
 from etd.calibrate.adaptation import (
@@ -40,6 +40,7 @@ from etd.files.configuration import fake_config
 from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import ElectrodeLimits
 from etd.stabilize import offset_estimate
+from etd.stabilize.said_electrode import fades_a_minute
 from etd_body.course import Course as SkinCourse
 from etd_body.kinds import BodyKind
 from etd_body.living import LivingBody
@@ -126,10 +127,13 @@ class Measured:
     adaptation: MeasuredAdaptation | None
 
     @property
-    def may_raise(self) -> bool:
-        """Where the body site allows it."""
+    def raises(self) -> Raises | None:
+        """Where the body site allows it; None: answers may not."""
         found = self.adaptation
-        return found is not None and found.why_not_in(found.date) is None
+        if found is None or found.why_not_in(found.date) is not None:
+            return None
+        assert found.weaker_from_s is not None, "the daemon's own tells it"
+        return Raises(fades_a_minute(found.weaker_from_s))
 
 
 @cache

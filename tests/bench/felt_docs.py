@@ -14,11 +14,15 @@ from textwrap import fill
 from rich.table import Table
 
 from bench import felt_harm
-from bench.felt_compared import Compared
+from bench.felt_compared import RAISED, Compared
 from bench.run import Bound
 from bench.steady_docs import put
 
-BEGIN, END = "<!-- written by make bench-felt -->\n", "<!-- so far, felt -->\n"
+BEGIN, RAISING_BEGIN, END = (
+    "<!-- written by make bench-felt, as it ships -->\n",
+    "<!-- written by make bench-felt, where answers may raise -->\n",
+    "<!-- so far, felt -->\n",
+)
 _SHIPS = "As it ships: answers lower, and give back what was lowered"
 _RAISING = (
     "Where the body site lets answers raise (`felt_may_raise = true`), of those of whom"
@@ -73,27 +77,31 @@ _DRIFT_ROWS: dict[str, Callable[[Compared], str]] = {
 
 
 def write(page: Path, found: Sequence[Compared], said: str, not_met: Sequence[Bound]) -> None:
-    """Both tables, and each bound that is not met. Raises: ValueError, where the marks are not
-    there.
+    """One table, as it ships or where answers may raise, and each bound of it that is not met.
+    Raises: ValueError, where the marks are not there.
     """
-    ships = [each for each in found if not each.may_raise]
-    raising = [each for each in found if each.may_raise]
+    may_raise = found[0].may_raise
     told = [
         *(
             f"On {each.unfelt} of the fingers of `{each.body}` nothing is felt without answers:"
             " they have no variation, and are left out of it."
-            for each in ships
+            for each in found
             if each.unfelt
         ),
-        *(f"Not met: {bound.what}: {bound.value:g} (bound {bound.bound:g})." for bound in not_met),
+        *(
+            f"Not met: {bound.what}: {bound.value:g} (bound {bound.bound:g})."
+            for bound in not_met
+            if (RAISED in bound.what) == may_raise
+        ),
         *felt_harm.excluded(found),
     ]
+    rows = _RAISING_ROWS | _ROWS if may_raise else _ROWS | _DRIFT_ROWS
+    begin, what = (RAISING_BEGIN, _RAISING) if may_raise else (BEGIN, _SHIPS)
     parts = [
-        f"\n{said[:1].upper()}{said[1:]}. {_SHIPS}:\n\n{_table(ships, _ROWS | _DRIFT_ROWS)}",
-        f"\n{_RAISING}:\n\n{_table(raising, _RAISING_ROWS | _ROWS)}\n",
+        f"\n{what}. {said[:1].upper()}{said[1:]}:\n\n{_table(found, rows)}\n",
         *(fill(f"- {each}", 118, subsequent_indent="  ") + "\n" for each in told),
     ]
-    put(page, BEGIN, "".join(parts) + ("\n" if told else ""), END)
+    put(page, begin, "".join(parts) + ("\n" if told else ""), END)
 
 
 def _table(found: Sequence[Compared], rows: dict[str, Callable[[Compared], str]]) -> str:

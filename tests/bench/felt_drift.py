@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from bench.felt_known import Known
 from bench.felt_play import MINUTES, SCAN_NS
 from etd.stabilize.offset_estimate import BAND
-from etd.stabilize.said import MOST
+from etd.stabilize.said_electrode import MOST
 from etd_body.kinds import BodyKind
 from etd_body.tissue import Floats
 

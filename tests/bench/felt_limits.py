@@ -21,7 +21,7 @@ from bench import felt_adaptation
 from bench.felt_compared import felt_without, standard_error, variation_of
 from bench.felt_person import ANSWERS_S, Manner
 from bench.felt_play import MINUTES, Factors, Played, Unsaid, finger_of, played_of
-from etd.stabilize.said import MINUTE_NS, MOST, RISE_A_MINUTE
+from etd.stabilize.said_electrode import MINUTE_NS, MOST, RISE_A_MINUTE
 from etd_body.kinds import BodyKind
 
 _FIRST_NS = int(ANSWERS_S * 1e9)

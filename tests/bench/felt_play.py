@@ -56,12 +56,22 @@ class Unsaid:
     def felt(self, times: float, now_ns: int) -> None: ...
 
 
+@dataclass(frozen=True)
+class Raises:
+    """Whose answers may raise, and how fast use is felt less by them (`etd.stabilize.said`)."""
+
+    fades_a_minute: float = 0.0
+
+
 class Said:
     """The daemon's, by the answers of a person."""
 
-    def __init__(self, person: Person, *, may_raise: bool) -> None:
+    def __init__(self, person: Person, raises: Raises | None) -> None:
         self._person = person
-        self._offsets = FeltOffsets(ELECTRODES, may_raise=may_raise)
+        fades_a_minute = 0.0 if raises is None else raises.fades_a_minute
+        self._offsets = FeltOffsets(
+            ELECTRODES, may_raise=raises is not None, fades_a_minute=fades_a_minute
+        )
         self._next_ns = int(person.again_s("good") * 1e9)
 
     def of(self, electrode: int, now_ns: int) -> float:
@@ -98,15 +108,15 @@ def play(
     minutes: float = MINUTES,
     number: int = 0,
     *,
-    may_raise: bool = False,
+    raises: Raises | None = None,
     levels: tuple[ElectrodeLimits, ...] | None = None,
 ) -> Played:
-    """One finger; `manner` None: nobody says anything. `number`: which of its persons. `may_raise`:
-    as the body site has it, for what is said. `levels`: in place of those that were calibrated.
+    """One finger; `manner` None: without answers. `number`: which of its persons. `raises`:
+    None: their answers may not. `levels`: in place of those that were calibrated.
     """
     factors: Factors = Unsaid()
     if manner is not None:
-        factors = Said(Person(manner, seed, number), may_raise=may_raise)
+        factors = Said(Person(manner, seed, number), raises)
     finger = finger_of(kind, seed, minutes)
     if levels is not None:
         calibration = structs.replace(finger.calibration, electrode=levels)

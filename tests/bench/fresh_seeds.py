@@ -14,8 +14,8 @@ from typing import Final
 
 #: Of `make bench-felt`, the same where a body's drift is common to all electrodes, and of
 #: `make bench-steady` in its whole form.
-FELT: Final = tuple(range(7370, 7382))
-FELT_COMMON: Final = tuple(range(7801, 7901))
+FELT: Final = tuple(range(7406, 7418))
+FELT_COMMON: Final = tuple(range(8001, 8101))
 STEADY: Final = (7401, 7402)
 #: What the tests play, which everybody looks at.
 TESTED: Final = (31,)
@@ -23,7 +23,8 @@ TESTED: Final = (31,)
 #: something was changed after it.
 LOOKED_AT: Final = frozenset(
     {*range(1, 21), *TESTED, 41, 42, 43, 44, 901, 902, 911, 912, 913, 914, 921, 922}
-    | set(range(7301, 7370))
+    | set(range(7301, 7401))
+    | set(range(7403, 7406))
     | set(range(7500, 7560))
-    | set(range(7601, 7801))
+    | set(range(7601, 8001))
 )

@@ -2,8 +2,8 @@
 
 Owns: the strangers (connections that send nothing, messages without end, subscriptions without end,
 clients that never read, arrays that decode to much, slow requests, stops and other requests poured,
-also from many processes of one user). Must not know: what is measured meanwhile, how the gateway
-defends itself.
+also from many processes of one user; and two other users who take the places). Must not know: what
+is measured meanwhile, how the gateway defends itself.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ from etd.files.paths import CONTROL, FRAMES, TELEMETRY
 from raw_client import connected, connected_by_others, hello, part, poured
 
 CONNECTS, PROCESSES = 2_000, 70
+#: Users of their own, where this is root: (of the one who holds places, of the one who churns).
+USERS = (60_001, 60_002)
+#: More than a user gets beside others; and so many at once that come and go.
+HELD, CHURNED = 80, 20
 _LARGE = b"x" * 60_000
 #: Of each form that a frame has, as large as a message may be; one of them with as many electrodes
 #: as there may be. With a number, and without one.
@@ -225,6 +229,56 @@ def stream_large_frames(folder: Path) -> Turns:
             clock.sleep_s(0.001)
 
 
+def hold_places(folder: Path) -> Turns:
+    """Another user with more connections than there is room for, and again each that is closed."""
+    _become(USERS[0])
+    held: list[socket.socket] = []
+    with ExitStack() as stack:
+        while True:
+            held = [one for one in held if _is_open(one)]
+            held += map(stack.enter_context, _greeted(folder, HELD - len(held)))
+            yield
+            clock.sleep_s(0.005)
+
+
+def churn_places(folder: Path) -> Turns:
+    """A third user, whose connections come, are greeted and go, as fast as they can."""
+    _become(USERS[1])
+    while True:
+        made = _greeted(folder, CHURNED)
+        yield
+        for one in made:
+            one.close()
+        clock.sleep_s(0.001)
+
+
+def _become(user: int) -> None:
+    """The group stays: by it the sockets can be written to."""
+    if os.geteuid() == 0:
+        os.setgroups([])
+        os.setuid(user)
+
+
+def _greeted(folder: Path, count: int) -> list[socket.socket]:
+    """New connections, each as a client's after its first write; fewer where the line is full."""
+    made: list[socket.socket] = []
+    with contextlib.suppress(BlockingIOError):
+        for _ in range(count):
+            made.append(connected(folder / CONTROL))
+            poured(made[-1], hello("DEALER"))
+    return made
+
+
+def _is_open(made: socket.socket) -> bool:
+    """What was sent to it is thrown away."""
+    try:
+        return bool(made.recv(65_536))
+    except BlockingIOError:
+        return True
+    except ConnectionResetError:
+        return False
+
+
 STRANGERS: dict[str, Stranger] = {
     one.__name__: one
     for one in (
@@ -240,6 +294,8 @@ STRANGERS: dict[str, Stranger] = {
         ask_for_cold_files,
         many_processes,
         stream_large_frames,
+        hold_places,
+        churn_places,
     )
 }
 

@@ -18,6 +18,7 @@ from bench.felt_adaptation import another_day
 from bench.felt_compared import (
     MOST_TIMES,
     MOST_TIMES_COMMON,
+    RAISED,
     Compared,
     Figures,
     again_where_common,
@@ -89,7 +90,7 @@ def made_up(
     times: float, drift: Drift, body: BodyKind = BodyKind.AREA, *, may_raise: bool = True
 ) -> Compared:
     said = replace(PLAIN, variation=times * PLAIN.variation)
-    return Compared(body, may_raise, said, PLAIN, times, times, drift)
+    return Compared(body, may_raise, said, PLAIN, times, times, drift, raisers=int(may_raise))
 
 
 def test_a_body_whose_drift_is_common_is_judged_on_other_fingers() -> None:
@@ -134,15 +135,17 @@ def test_each_bound_can_say_no(drift: Drift, *, may_raise: bool, bound: float) -
         assert (found.bound, found.is_met) == (bound, is_met)
 
 
-def test_all_is_asked_as_it_ships_and_where_answers_may_raise() -> None:
+@pytest.mark.parametrize("raisers", [0, 1])
+def test_all_is_asked_as_it_ships_and_where_answers_may_raise(raisers: int) -> None:
+    """The variation is asked twice only of a body with persons whose answers may raise."""
     hurts = replace(PLAIN, scans_above_pain=100.0)
     ways = [
-        Compared(body, may_raise, hurts, hurts, 1.0, 1.0, EACH_ITS_OWN)
+        Compared(body, may_raise, hurts, hurts, 1.0, 1.0, EACH_ITS_OWN, raisers=raisers)
         for may_raise in (False, True)
         for body in BodyKind
     ]
     named = [bound.what for bound in asked(ways)]
-    assert sum("variation" in what for what in named) == 2 * len(BodyKind)
+    assert sum("variation" in what for what in named) == (1 + raisers) * len(BodyKind)
     assert sum("not felt" in what for what in named) == 2 * len(BodyKind)
     assert sum("pain" in what for what in named) == 2 * len(BodyKind)
 
@@ -150,14 +153,17 @@ def test_all_is_asked_as_it_ships_and_where_answers_may_raise() -> None:
 def test_answers_raise_of_whom_it_was_measured_that_they_feel_less_in_use() -> None:
     """Nobody of a finger that feels alike all the time; on one that adapts, most."""
     manner, (seed,) = Manner(), TESTED
-    raisers = {
-        body: sum(felt_adaptation.measured(body, seed, manner, it).may_raise for it in range(4))
+    raises = {
+        body: [felt_adaptation.measured(body, seed, manner, it).raises for it in range(4)]
         for body in (BodyKind.INDIFFERENT, BodyKind.ADAPTING)
     }
-    assert raisers[BodyKind.INDIFFERENT] == 0
-    assert raisers[BodyKind.ADAPTING] >= 3
+    assert raises[BodyKind.INDIFFERENT] == [None] * 4
+    adapting = [it for it in raises[BodyKind.ADAPTING] if it is not None]
+    assert len(adapting) >= 3
+    assert all(it.fades_a_minute > 0.02 for it in adapting)
     adapts = said_by(BodyKind.ADAPTING, seed, manner, 3.0, 0)
     assert adapts.may_raise
+    assert adapts.raising is not None
     assert adapts.raising.figures != adapts.ships.figures
     stays = said_by(BodyKind.INDIFFERENT, seed, manner, 3.0, 0)
     assert not stays.may_raise
@@ -175,6 +181,7 @@ def test_what_the_measurement_took_down_is_what_is_played_after_it() -> None:
         assert is_lower == (body is BodyKind.SOAKING)
         plain, plain_after = unsaid(body, seed, manner, 1.0)
         said = said_by(body, seed, manner, 1.0, 0)
+        assert said.raising is not None
         assert (plain_after.figures == plain.figures) != is_lower
         assert (said.raising.figures == said.ships.figures) != is_lower
         if is_lower:
@@ -266,19 +273,26 @@ def test_the_page_names_the_excluded_bodies_beside_the_numbers() -> None:
     assert f"**Excluded: {', '.join(first)} and {last}**" in section
 
 
-def test_the_page_has_the_table_between_its_marks(tmp_path: Path) -> None:
+@pytest.mark.parametrize("may_raise", [False, True])
+def test_the_page_has_each_table_between_its_marks(may_raise: bool, tmp_path: Path) -> None:
     copy = tmp_path / PAGE.name
     text = PAGE.read_text(encoding="utf-8")
     copy.write_text(text, encoding="utf-8")
-    found = [made_up(1.2, SHARED, may_raise=may_raise) for may_raise in (False, True)]
-    not_met = [Bound("what is not", 1.2, 1.05, is_met=False)]
+    of_it = f"what is not{RAISED if may_raise else ''}"
+    not_met = [
+        Bound(of_it, 1.2, 1.05, is_met=False),
+        Bound(f"of the other{'' if may_raise else RAISED}", 1.2, 1.05, is_met=False),
+    ]
+    found = [made_up(1.2, SHARED, may_raise=may_raise)]
     felt_docs.write(copy, found, "a run that was not made", not_met)
-    before, _, rest = copy.read_text(encoding="utf-8").partition(felt_docs.BEGIN)
+    begin = felt_docs.RAISING_BEGIN if may_raise else felt_docs.BEGIN
+    before, _, rest = copy.read_text(encoding="utf-8").partition(begin)
     part, _, after = rest.partition(felt_docs.END)
     assert "A run that was not made" in part
-    assert part.count("| variation, times that without answers | **1.20** |") == 2
-    assert part.count("| the worst person | **1.20** |") == 2
-    assert "- Not met: what is not: 1.2 (bound 1.05)." in part
+    assert "| variation, times that without answers | **1.20** |" in part
+    assert "| the worst person | **1.20** |" in part
+    assert f"- Not met: {of_it}: 1.2 (bound 1.05)." in part
+    assert "of the other" not in part
     assert text.startswith(before)
     assert text.endswith(after)
     assert after
@@ -315,7 +329,7 @@ def test_who_insists_has_it_too_strong_for_less_of_the_time() -> None:
     def too_strong(manner: Manner) -> float:
         finger = finger_of(BodyKind.SUMMING, seed)
         finger = replace(finger, calibration=alone, among=np.ones(ELECTRODES))
-        _, times = scans(finger, Said(Person(manner, seed), may_raise=False))
+        _, times = scans(finger, Said(Person(manner, seed), raises=None))
         return float(np.mean([Person(manner, seed).judges(it) == "too_strong" for it in times]))
 
     assert too_strong(Manner(right=1.0, insists=True)) < 0.7 * too_strong(Manner(right=1.0))

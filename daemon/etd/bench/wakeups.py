@@ -65,7 +65,7 @@ def _lateness(clock: Clock, seconds: float) -> list[int]:
 @contextmanager
 def _busy_loops(cores: Iterable[int]) -> Iterator[None]:
     """Ordinary processes: the children of a real-time thread do not inherit its priority."""
-    loops = [subprocess.Popen([sys.executable, "-c", _BUSY, str(core)]) for core in cores]
+    loops = [subprocess.Popen([sys.executable, "-P", "-c", _BUSY, str(core)]) for core in cores]
     try:
         yield
     finally:
