@@ -24,6 +24,8 @@ from etd_hal.tomlfile import load_toml
 
 #: Beyond this no array reaches; the bounds also keep NaN out, as all bounds on numbers here do.
 Mm = Annotated[float, Meta(ge=-500.0, le=500.0)]
+#: Metal that is nearer is one electrode: no file may say that one is smaller than this.
+LEAST_PITCH_MM = 0.1
 #: A ring's members lie within this fraction of its radius from the circle.
 RING_TOLERANCE = 0.25
 
@@ -71,7 +73,7 @@ class Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     view: Literal["through-finger"]
     #: How to find electrode 0 on the thing itself.
     mark: Annotated[str, Meta(min_length=1)]
-    diameter_mm: Annotated[float, Meta(ge=0.1, le=100.0)]
+    diameter_mm: Annotated[float, Meta(ge=LEAST_PITCH_MM, le=100.0)]
     electrode: Annotated[tuple[Electrode, ...], Meta(min_length=2, max_length=MAX_ELECTRODES)]
     #: Under the array; each electrode goes by the nearest one.
     pressure: Annotated[tuple[PressureSensor, ...], Meta(max_length=16)] = ()
@@ -170,18 +172,20 @@ def check_fits(array: Array, outputs: int, file: str) -> None:
 
 
 def _check_places(array: Array, file: str) -> None:
-    seen: dict[tuple[float, float], int] = {}
     for index, electrode in enumerate(array.electrode):
-        place = (electrode.x_mm, electrode.y_mm)
-        if place in seen:
+        for other in range(index):
+            apart_mm = array.distance_mm(index, other)
+            if apart_mm >= LEAST_PITCH_MM:
+                continue
+            where = f"where electrode {other} is ({electrode.x_mm} mm, {electrode.y_mm} mm)"
+            if apart_mm:
+                where = f"{apart_mm:.2g} mm from electrode {other}"
             raise FileError(
                 file,
                 f"electrode[{index}]",
-                f"it is where electrode {seen[place]} is ({electrode.x_mm} mm, {electrode.y_mm}"
-                " mm)",
-                "give each electrode a place of its own",
+                f"it is {where}",
+                f"give each electrode a place of its own, at least {LEAST_PITCH_MM} mm from others",
             )
-        seen[place] = index
 
 
 def _check_outputs(array: Array, file: str) -> None:

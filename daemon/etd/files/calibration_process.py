@@ -144,7 +144,7 @@ class CalibrationProcess:
         )
         try:
             self._process = subprocess.Popen(
-                # Neither the environment nor a file of site packages has a say in it.
+                # It finds modules where this process does, and no file of site packages is run.
                 [sys.executable, "-I", "-S", "-c", program],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

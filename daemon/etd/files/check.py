@@ -241,7 +241,9 @@ def _raises(calibration: Calibration, today: datetime.date | None) -> str:
         return ""
     why = why_not_raised(calibration.adaptation, calibration.date)
     doubt = why_not_raised(calibration.adaptation, calibration.date, today) if why is None else None
-    return f"; {raises_in_words(why)}" + ("" if doubt is None else f", in doubt: {doubt}")
+    return f"; {raises_in_words(why, calibration.adaptation)}" + (
+        "" if doubt is None else f", in doubt: {doubt}"
+    )
 
 
 def _check_count(calibration: Calibration, path: Path) -> None:

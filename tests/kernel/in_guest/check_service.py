@@ -135,7 +135,7 @@ def test_an_operator_stores_what_the_engine_takes_and_the_gateway_cannot_write(
     modelled = (TREE / "config/calibrations/fake-fingertip.toml").read_text()
     # As if a person had answered for it: what a model answered for is refused on real lines, below.
     file.write_text(modelled.replace("modelled = true\n", ""))
-    scene.said_by("chmod", "-R", "a+rX", str(tmp_path.parent.parent))
+    scene.said_by("chmod", "a+rX", *map(str, (file, tmp_path, *tmp_path.parents[:2])))
     imported = ("etd", "calibration", "import", str(file))
     for user in (PERSON, "etd-gateway"):
         refused = scene.run(*imported, user=user)
@@ -170,7 +170,7 @@ def test_an_operator_stores_what_the_engine_takes_and_the_gateway_cannot_write(
 def test_what_a_person_plays_is_fired_where_and_as_strong_as_it_says(
     services: None, tmp_path: Path
 ) -> None:
-    scene.said_by("chmod", "-R", "a+rX", str(tmp_path.parent.parent))
+    scene.said_by("chmod", "a+rX", *map(str, (tmp_path, *tmp_path.parents[:2])))
     played = scene.play(tmp_path / "pattern.json", {3: 0.4, 40: 0.7})
     assert played.returncode == 0, played.stdout + played.stderr
     fired = pulses(kernel_trace.events())
