@@ -49,20 +49,30 @@ def sampled(
     width_us: int,
     *,
     has_prepulse: bool = False,
+    probe: tuple[int, int, int] | None = None,
 ) -> PathSamples:
-    """The samples of one pulse on skin at rest."""
+    """The samples of one pulse on skin at rest, or after a probe: its current in uA, its width and
+    the time after it, in us, in which the leak alone discharges what it left.
+    """
     commanded_ua = code_of(current_ua) * SOURCE.full_scale_ua / (SOURCE.codes - 1)
     body = MinimalBody(contacts, leak_ohm=SOURCE.leak_ohm, compliance_v=float(SOURCE.compliance_v))
     sides = tuple(
         Side.SOURCE if other == electrode else Side.GROUND for other in range(len(contacts))
     )
-    body.drive(0, commanded_ua, sides)
-    early_v = _in_steps(body.node_voltage_v(_EARLY_NS))
+    begun_ns, resting_v = 0, 0.0
+    if probe is not None:
+        probe_ua, probe_us, rest_us = probe
+        body.drive(0, float(probe_ua), sides)
+        body.drive(probe_us * 1_000, 0.0, sides)
+        begun_ns = (probe_us + rest_us) * 1_000
+        resting_v = _in_steps(body.node_voltage_v(begun_ns))
+    body.drive(begun_ns, commanded_ua, sides)
+    early_v = _in_steps(body.node_voltage_v(begun_ns + _EARLY_NS))
     last_v, has_end = early_v, width_us > _LEAST_WITH_END_US
     if has_end:
-        last_v = _in_steps(body.node_voltage_v(width_us * 1_000 - _BEFORE_END_NS))
+        last_v = _in_steps(body.node_voltage_v(begun_ns + width_us * 1_000 - _BEFORE_END_NS))
     return PathSamples(
-        code_of(current_ua), float(width_us), has_end, has_prepulse, 0.0, early_v, last_v
+        code_of(current_ua), float(width_us), has_end, has_prepulse, resting_v, early_v, last_v
     )
 
 

@@ -20,6 +20,9 @@ contacts = st.one_of(
     st.builds(skin, st.floats(1e3, 3e3), ohms, st.floats(0.05, 0.5)),
 )
 pulses = st.tuples(st.sampled_from([60, 100, 300, 3_000]), st.sampled_from([50, 100, 200]))
+probes = st.tuples(
+    st.sampled_from([100, 300, 1_000]), st.just(20), st.sampled_from([20, 100, 1_000])
+)
 EVEN = skin(2e3, 48e3, 0.3)
 
 
@@ -79,6 +82,25 @@ def test_whatever_skin_is_read_each_contact_conducts_what_lies_between_the_bound
         reading = METER.read(sampled(on, electrode, current_ua, width_us), None)
         assert reading is not None
         readings.append(reading)
+    check_bounds(on, readings)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(contacts, pulses, probes), min_size=4, max_size=20))
+def test_a_probe_before_the_pulse_makes_no_bound_wrong(
+    drawn: list[tuple[Contact, tuple[int, int], tuple[int, int, int]]],
+) -> None:
+    """It leaves the skin charged: a strong one by more than its pulse reaches."""
+    on = [contact for contact, _, _ in drawn]
+    readings = []
+    for electrode, (_, (current_ua, width_us), probe) in enumerate(drawn):
+        samples = sampled(on, electrode, current_ua, width_us, probe=probe)
+        readings.append(METER.read(samples, None))
+    check_bounds(on, [reading for reading in readings if reading is not None])
+
+
+def check_bounds(on: list[Contact], readings: list[Reading]) -> None:
+    assert len(readings) == len(on)
     found = own(readings)
     for electrode, contact in enumerate(on):
         assert found.least_s[electrode] <= contact.conductance_s * (1 + 1e-9)

@@ -280,6 +280,29 @@ def test_after_a_lift_nothing_that_was_known_of_the_others_counts(make_rig: Make
     assert max(after) <= 300
 
 
+def test_behind_probes_paths_are_read_from_the_pulses() -> None:
+    """A probe is weak, and has no sample near its end: it bounds contacts within ten times, and a
+    frame for all of them was refused by what the best of them might carry back.
+    """
+    loaded = config(electrodes=8)
+    site = msgspec.structs.replace(loaded.body_site, stabilize=Settings(probe_first=True))
+    contacts = [skin(2e3, 60e3 + 9e3 * electrode, 0.3) for electrode in range(8)]
+    with closing(engine_rig.make(loaded=dataclasses.replace(loaded, body_site=site))) as rig:
+        for electrode, contact in enumerate(contacts):
+            rig.fake.world.touch(electrode, contact)
+        made = calibration(rig, [4_000] * 8, shape=site.stabilize.shape)
+        assert open_calibrated(rig, made).error is None
+        rig.arm()
+        opened_to(rig, 4_000)
+        rig.hold(1_500, current_ua=(3_000,) * 8, width_us=100, rate_hz=10.0)
+        share = rig.engine.components.returns.share
+        for contact, least_s, most_s in zip(contacts, share.least_s, share.most_s, strict=True):
+            assert least_s <= contact.conductance_s <= most_s <= 1.5 * least_s
+        since_ns = rig.clock.now_ns()
+        rig.hold(500, current_ua=(3_000,) * 8, width_us=100, rate_hz=10.0)
+        assert {phase.current_ua < 1_000 for phase in phases(rig, since_ns)} == {True, False}
+
+
 # --- the ledger -----------------------------------------------------------------------------------
 
 

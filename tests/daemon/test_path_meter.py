@@ -93,21 +93,32 @@ def test_a_leak_that_takes_the_whole_current_leaves_a_path_that_may_resist_anyth
     assert read(wide(1, 0.5, 0.5), by=meter).most_ohm == pytest.approx(1e6)
 
 
-def risen_v(code: int, ohm: float, tau_us: float, after_us: float, series_ohm: float) -> float:
-    """Of skin and its way back, of which `series_ohm` has no capacitance beside it."""
+def risen_v(
+    code: int, ohm: float, tau_us: float, after_us: float, series_ohm: float, resting_v: float
+) -> float:
+    """Of skin and its way back, of which `series_ohm` has no capacitance beside it; on top of what
+    a probe has left.
+    """
     at_once_v, end_v = (
         current_a(code) / (1.0 / one + 1.0 / 66e3) if one else 0.0 for one in (series_ohm, ohm)
     )
-    return end_v - (end_v - at_once_v) * math.exp(-after_us / tau_us)
+    return end_v - (end_v - at_once_v - resting_v) * math.exp(-after_us / tau_us)
 
 
 def rising(
-    code: int, ohm: float, tau_us: float, *, width_us: float = 100.0, series_ohm: float = 0.0
+    code: int,
+    ohm: float,
+    tau_us: float,
+    *,
+    width_us: float = 100.0,
+    series_ohm: float = 0.0,
+    resting_v: float = 0.0,
 ) -> PathSamples:
     early_v, last_v = (
-        risen_v(code, ohm, tau_us, after_us, series_ohm) for after_us in (10.0, width_us - 6.0)
+        risen_v(code, ohm, tau_us, after_us, series_ohm, resting_v)
+        for after_us in (10.0, width_us - 6.0)
     )
-    return wide(code, early_v, last_v, width_us)
+    return wide(code, early_v, last_v, width_us, resting_v)
 
 
 def test_a_rise_of_34_us_is_what_is_allowed_for_and_longer_by_what_the_way_back_resists() -> None:
@@ -127,6 +138,11 @@ def test_a_step_of_5_k_in_series_is_what_is_allowed_for() -> None:
     assert reading.most_ohm > 5_670.0
     less = read(rising(WEAK, 5_602.0, 4.0, width_us=34.0, series_ohm=4.9e3), by=FINE)
     assert FINE.most_ohm(less, 0.0) > 5_602.1
+
+
+def test_what_a_probe_has_left_is_part_of_the_step() -> None:
+    after = rising(WEAK, 5_602.0, 4.0, width_us=34.0, series_ohm=5e3, resting_v=0.02)
+    assert FINE.most_ohm(read(after, by=FINE), 0.0) == pytest.approx(5_602.0, rel=1e-7)
 
 
 # --- changes -------------------------------------------------------------------------------------

@@ -49,7 +49,9 @@ class Findings:
         if self._pre_probe.update(due.electrode, cleared.pulse, result):
             self._adapter.rejected("probe")
         touches = self._contact.is_touched[due.electrode] is True
-        self._returns.update(due.scheduled, cleared.pulse, result, touches=touches, is_rested=True)
+        self._returns.update(
+            due.scheduled, cleared.pulse, result, touches=touches, is_followed=True
+        )
         if self._pulse_log.is_on:
             seq = self._reporter.seq
             self._pulse_log.add((due, cleared, result, result, seq, asked_ns, 0, None, "unknown"))
@@ -84,8 +86,8 @@ class Findings:
             # Before a second phase the skin is not at rest, so the first one is taken.
             probed_v = 0.0 if due.after is None else self._pre_probe.probed_v(electrode)
             self._adapter.update(electrode, _samples(pulse, first, probed_v), begun_ns)
-        touches, is_rested = contact.is_touched[electrode] is True, due.after is None
-        self._returns.update(due.scheduled, pulse, first, touches=touches, is_rested=is_rested)
+        touches = contact.is_touched[electrode] is True
+        self._returns.update(due.scheduled, pulse, first, touches=touches, is_followed=False)
         if due.purpose != "contact_poll":
             self._pre_probe.was_followed(electrode)
 

@@ -125,16 +125,24 @@ class Returns:
         result: PulseResult,
         *,
         touches: bool,
-        is_rested: bool,
+        is_followed: bool,
     ) -> None:
-        """Stores what its first phase measured. `is_rested`: no probe went before it."""
+        """Stores what its first phase measured. `is_followed`: a probe, whose pulse comes next and
+        tells more; it is read only where nothing else is known.
+        """
         share, electrode, begun_ns = self.share, scheduled.electrode, result.begun_ns
         if scheduled.returns is None:
             reading = None
-            is_due = begun_ns >= share.read_from_ns[electrode]
-            if is_rested and (is_due or self._is_unread(electrode, begun_ns)):
+            if is_followed:
+                is_due = not share.is_known(electrode, begun_ns)
+            else:
+                is_due = begun_ns >= share.read_from_ns[electrode]
+                is_due = is_due or self._is_unread(electrode, begun_ns)
+            if is_due:
                 reading = self._meter.read(_samples(pulse, result), share.reading(electrode))
             share.update(electrode, touches, begun_ns, reading)
+            if is_followed:
+                share.read_from_ns[electrode] = begun_ns
             if reading is not None or not touches:
                 self._ledger.net.read(electrode)
         elif not touches:

@@ -64,7 +64,7 @@ _STEPS = 4
 
 
 class PathSamples:
-    """The first phase of a pulse through all others, on skin at rest.
+    """The first phase of a pulse through all others, on skin that is charged by a probe at most.
 
     `early_v` was sampled EARLY_US after its beginning, `last_v` BEFORE_END_US before its end or, if
     `has_end` is False, with `early_v`; `resting_v` before the pulse.
@@ -96,7 +96,7 @@ class Whole:
     step is subtracted from the early sample and added to the last one.
     """
 
-    __slots__ = ("current_ua", "early_v", "end_v", "last_v", "least_ohm", "spans")
+    __slots__ = ("current_ua", "early_v", "end_v", "last_v", "least_ohm", "resting_v", "spans")
 
     def __init__(
         self,
@@ -106,6 +106,7 @@ class Whole:
         end_v: float,
         spans: float,
         least_ohm: float,
+        resting_v: float = 0.0,
     ) -> None:
         self.current_ua: Final = current_ua
         self.early_v: Final = early_v
@@ -116,6 +117,8 @@ class Whole:
         #: The time between the samples, in units of EARLY_US; 0 if there was no last sample.
         self.spans: Final = spans
         self.least_ohm: Final = least_ohm
+        #: What a probe before it had left.
+        self.resting_v: Final = resting_v
 
 
 class Reading:
@@ -173,9 +176,9 @@ class PathMeter:
             span_us / EARLY_US,
         )
         end_v = math.inf if samples.last_v >= self._near_v else _end_v(early_v, last_v, spans, 1.0)
-        least_v = samples.last_v - step_v - max(0.0, samples.resting_v)
-        least_ohm = self._ohm(current_ua, least_v)
-        whole = Whole(current_ua, early_v, last_v, end_v, spans, least_ohm)
+        resting_v = max(0.0, samples.resting_v)
+        least_ohm = self._ohm(current_ua, samples.last_v - step_v - resting_v)
+        whole = Whole(current_ua, early_v, last_v, end_v, spans, least_ohm, resting_v)
         return Reading(current_ua, least_ohm, self._ohm(current_ua, end_v), whole)
 
     def _scaled(self, samples: PathSamples, whole: Whole) -> Reading | None:
@@ -212,7 +215,7 @@ class PathMeter:
         end_v = _end_v(whole.early_v, whole.last_v, whole.spans, longer)
         most_ohm = max(reading.most_ohm, self._ohm(whole.current_ua, end_v) * reading.scale)
         series_s = 1.0 / (_MOST_SERIES_OHM + back_ohm)
-        at_once_v = whole.current_ua / 1e6 / (series_s + 1.0 / self._leak_ohm)
+        at_once_v = whole.resting_v + whole.current_ua / 1e6 / (series_s + 1.0 / self._leak_ohm)
         # By noise the early sample may read above the end.
         is_rise = at_once_v < whole.early_v <= whole.last_v
         if most_ohm == math.inf or not is_rise:
