@@ -83,7 +83,10 @@ def test_64_thresholds_are_found_within_a_tenth_and_nothing_hurts(
     print(f"{method}, seed {seed}: {progress.presentations} presentations, worst {worst:.1%}")
     assert worst <= 0.10
     assert skin.most_of_pain() < 1.0
-    assert all(limits.felt for limits in made.electrode)
+    # A lapse says *too strong* of the threshold, and of what is left below it nothing is felt.
+    lost = [electrode for electrode, limits in enumerate(made.electrode) if not limits.felt]
+    assert len(lost) <= 1
+    assert all(skin.pain_ua[electrode] < 1.5 * skin.threshold_ua[electrode] for electrode in lost)
     check_order(made, "made")
 
 
