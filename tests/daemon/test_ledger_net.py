@@ -25,12 +25,12 @@ def test_a_pulse_through_all_others_leaves_what_it_was_booked_at_and_then_what_i
     assert net_pc(ledger) == [-32_000, 96_000, -32_000, -32_000]
 
 
-def test_named_returns_share_what_a_pulse_leaves_and_others_have_nothing_of_it() -> None:
+def test_each_named_return_may_have_what_a_pulse_leaves_and_others_have_nothing_of_it() -> None:
     ledger = Ledger(4, AMPLE)
     booking = ledger.book(entry(0, PLANNED_PC, returns=(2, 3)), NOW_NS, WORST_PC)
-    assert net_pc(ledger) == [120_000, 0, -60_000, -60_000]
+    assert net_pc(ledger) == [120_000, 0, -120_000, -120_000]
     ledger.settle_net(booking, HAD_PC)
-    assert net_pc(ledger) == [96_000, 0, -48_000, -48_000]
+    assert net_pc(ledger) == [96_000, 0, -96_000, -96_000]
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,8 @@ def test_a_named_return_that_would_have_more_than_the_bound_refuses_the_pulse() 
         book(ledger, entry(electrode, returns=(3,)), NOW_NS)
     assert net_pc(ledger) == [100_000, 100_000, 0, -200_000]
     assert ledger.first_violation(entry(2, returns=(3,)), NOW_NS) == "net charge"
-    assert ledger.first_violation(entry(2, returns=(1, 3)), NOW_NS) is None
+    assert ledger.first_violation(entry(2, returns=(1, 3)), NOW_NS) == "net charge"
+    assert ledger.first_violation(entry(2, returns=(0, 1)), NOW_NS) is None
 
 
 def test_what_balances_does_not_fit_while_phases_have_left_more_than_the_bound() -> None:

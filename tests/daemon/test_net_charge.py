@@ -50,9 +50,11 @@ def by_hand_pc(
     electrode: int,
     now_ns: int,
     conducts_s: Sequence[Sequence[float]] = (),
+    *,
+    is_named_whole: bool = False,
 ) -> float:
     """Each pulse for itself: all of it at its electrode, an even part back at each return, or the
-    part of what each conducts at that pulse.
+    part of what each conducts at that pulse; of those that it names, all of it at each.
     """
     total = 0.0
     for place, (at_ns, own, net_pc, returns) in enumerate(booked):
@@ -62,6 +64,8 @@ def by_hand_pc(
         whole = sum(here[other] for other in others)
         if electrode == own:
             total += left_pc
+        elif is_named_whole and returns is not None:
+            total -= left_pc if electrode in returns else 0.0
         elif electrode in others and whole:
             total -= left_pc * here[electrode] / whole
         elif electrode in others and returns is not None:
@@ -76,15 +80,18 @@ def test_each_electrode_has_its_own_pulses_less_what_it_carried_back(booked: lis
         net.add(electrode, net_pc, returns, NOW_NS + at_ns)
     now_ns = booked[-1][0] + 100_000_000 if booked else 0
     wanted = [by_hand_pc(booked, electrode, now_ns) for electrode in range(N)]
-    assert net.all(NOW_NS + now_ns) == pytest.approx(wanted, abs=0.01)
-    assert [net.of(electrode, NOW_NS + now_ns) for electrode in range(N)] == pytest.approx(
-        wanted, abs=0.01
-    )
+    assert net.states(NOW_NS + now_ns)[0].left_pc == pytest.approx(wanted, abs=0.01)
+    most = [by_hand_pc(booked, electrode, now_ns, is_named_whole=True) for electrode in range(N)]
+    assert net.states(NOW_NS + now_ns)[2].left_pc == pytest.approx(most, abs=0.01)
+    larger = [max(map(abs, pair)) for pair in zip(wanted, most, strict=True)]
+    assert list(map(abs, net.all(NOW_NS + now_ns))) == pytest.approx(larger, abs=0.01)
+    each = [abs(net.of(electrode, NOW_NS + now_ns)) for electrode in range(N)]
+    assert each == pytest.approx(larger, abs=0.01)
 
 
 @settings(max_examples=200)
 @given(visits, st.data())
-def test_of_two_ways_to_share_the_one_that_leaves_more_is_told(
+def test_of_all_ways_to_share_the_one_that_leaves_most_is_told(
     booked: list[Visit], data: st.DataObject
 ) -> None:
     net, held = NetCharge(N, BOUND_PC), list[list[float]]()
@@ -93,18 +100,22 @@ def test_of_two_ways_to_share_the_one_that_leaves_more_is_told(
         here = data.draw(conductances | st.just(before))
         # They are read, and conduct otherwise only then.
         for other in range(N):
-            net.read(other)
+            net.read(other, is_as_before=True)
         net.set_conductances(before, before)
         net.set_conductances(here, here)
         held.append(here)
         net.add(electrode, net_pc, returns, NOW_NS + at_ns)
     now_ns = booked[-1][0] + 100_000_000 if booked else 0
-    even, measured, _ = net.states(NOW_NS + now_ns)
+    even, measured, most = net.states(NOW_NS + now_ns)
     wanted = [by_hand_pc(booked, electrode, now_ns) for electrode in range(N)]
     by_conductance = [by_hand_pc(booked, electrode, now_ns, held) for electrode in range(N)]
     assert list(even.left_pc) == pytest.approx(wanted, abs=1.0)
     assert list(measured.left_pc) == pytest.approx(by_conductance, abs=1.0)
-    more = [max(pair, key=abs) for pair in zip(wanted, by_conductance, strict=True)]
+    whole = [
+        by_hand_pc(booked, electrode, now_ns, held, is_named_whole=True) for electrode in range(N)
+    ]
+    assert list(most.left_pc) == pytest.approx(whole, abs=1.0)
+    more = [max(each, key=abs) for each in zip(wanted, by_conductance, whole, strict=True)]
     assert [abs(pc) for pc in net.all(NOW_NS + now_ns)] == pytest.approx(
         [abs(pc) for pc in more], abs=1.0
     )
@@ -161,9 +172,9 @@ def test_a_return_counts_for_the_most_that_it_may_conduct_beside_what_others_do(
 def test_what_fits_never_takes_an_electrode_past_its_bound(asked: list[Visit]) -> None:
     net, booked = NetCharge(N, BOUND_PC), list[Visit]()
     for at_ns, electrode, net_pc, returns in asked:
-        before = [by_hand_pc(booked, other, at_ns) for other in range(N)]
+        before = in_both_ways_pc(booked, at_ns)
         then = [*booked, (at_ns, electrode, net_pc, returns)]
-        after = [by_hand_pc(then, other, at_ns) for other in range(N)]
+        after = in_both_ways_pc(then, at_ns)
         is_kept = all(
             abs(now) <= max(BOUND_PC, abs(was)) for was, now in zip(before, after, strict=True)
         )
@@ -173,6 +184,15 @@ def test_what_fits_never_takes_an_electrode_past_its_bound(asked: list[Visit]) -
         if fits:
             net.add(electrode, net_pc, returns, NOW_NS + at_ns)
             booked = then
+
+
+def in_both_ways_pc(booked: list[Visit], now_ns: int) -> list[float]:
+    """Named returns share evenly, and each carries all."""
+    return [
+        by_hand_pc(booked, electrode, now_ns, is_named_whole=is_whole)
+        for is_whole in (False, True)
+        for electrode in range(N)
+    ]
 
 
 def test_a_pulse_that_brings_an_electrode_back_fits_however_far_it_is() -> None:
@@ -369,9 +389,9 @@ def test_what_is_left_of_each_pulse_is_what_one_return_would_carry() -> None:
 
 
 def test_named_returns_that_conduct_nothing_share_evenly() -> None:
-    assert parts_of((0, 2), [0.0, 1e-5, 0.0]) == [0.5, 0.5]
-    assert parts_of((0, 2), [LEAST_S, 1e-5, 0.0]) == [0.5, 0.5]
-    assert parts_of((0, 2), [3e-5, 1e-5, 1e-5]) == pytest.approx([0.75, 0.25])
+    assert parts_of((0, 2), [0.0, 1e-5, 0.0], is_whole=False) == [0.5, 0.5]
+    assert parts_of((0, 2), [LEAST_S, 1e-5, 0.0], is_whole=False) == [0.5, 0.5]
+    assert parts_of((0, 2), [3e-5, 1e-5, 1e-5], is_whole=False) == pytest.approx([0.75, 0.25])
 
 
 def test_what_is_taken_back_is_gone_and_what_is_corrected_counts_from_its_time() -> None:

@@ -23,13 +23,13 @@ def test_one_that_is_found_to_conduct_better_may_have_done_so_since_it_was_read_
     net, before_s, better_s = NetCharge(N, BOUND_PC), [1e-5] * N, [4e-5, *[1e-5] * (N - 1)]
     net.set_conductances(before_s, before_s)
     net.add(2, 100_000, None, NOW_NS)
-    net.read(0)
+    net.read(0, is_as_before=True)
     net.set_conductances(before_s, before_s)
     for electrode, net_pc in pulses:
         net.add(electrode, net_pc, None, NOW_NS)
     # Others that are found anew change nothing of that.
     net.set_conductances(before_s, before_s)
-    net.read(0)
+    net.read(0, is_as_before=True)
     net.set_conductances(better_s, better_s)
     # Three others conduct beside it.
     since_pc = -sum(net_pc * 4 / 7 for _, net_pc in pulses)
@@ -44,7 +44,7 @@ def test_one_that_is_found_to_conduct_worse_has_what_was_counted() -> None:
     net, before_s = NetCharge(N, BOUND_PC), [1e-5] * N
     net.set_conductances(before_s, before_s)
     net.add(2, 400_000, None, NOW_NS)
-    net.read(0)
+    net.read(0, is_as_before=True)
     worse_s = [1e-6, *[1e-5] * (N - 1)]
     net.set_conductances(worse_s, worse_s)
     assert net.states(NOW_NS)[1].left_pc[0] == pytest.approx(-100_000)
@@ -55,7 +55,7 @@ def test_what_its_own_pulses_brought_is_none_of_what_came_back_through_it(own_s:
     net, before_s, then_s = NetCharge(N, BOUND_PC), [1e-5] * N, [own_s, *[1e-5] * (N - 1)]
     net.set_conductances(before_s, before_s)
     net.add(0, 400_000, None, NOW_NS)
-    net.read(0)
+    net.read(0, is_as_before=True)
     net.set_conductances(then_s, then_s)
     assert net.states(NOW_NS)[1].left_pc[0] == pytest.approx(400_000)
 
@@ -65,7 +65,7 @@ def test_what_came_back_before_it_was_read_counts_as_it_conducted_then() -> None
     net, before_s = NetCharge(N, BOUND_PC), [1e6] * N
     net.set_conductances(before_s, before_s)
     net.add(2, 400_000, None, NOW_NS)
-    net.read(0)
+    net.read(0, is_as_before=True)
     net.set_conductances(before_s, before_s)
     better_s = [4e6, *before_s[1:]]
     net.set_conductances(better_s, better_s)
@@ -81,7 +81,7 @@ def test_after_a_minute_what_was_not_read_counts_as_before() -> None:
     later_ns = NOW_NS + 29_500_000_000
     net.add(2, 400_000, None, later_ns)
     assert net.unread_pc(0, later_ns + LEAK_NS) <= BOUND_PC / 2
-    net.read(0)
+    net.read(0, is_as_before=True)
     net.set_conductances(better_s, better_s)
     found_pc = net.states(later_ns + LEAK_NS)[1].left_pc[0]
     assert found_pc == pytest.approx(-250_000 * math.exp(-1), rel=1e-6)
@@ -93,7 +93,7 @@ def test_a_pulse_that_leaves_nothing_does_not_fit_where_a_reading_has_found_one_
     for electrode in range(1, N):
         net.add(electrode, BOUND_PC // 2, None, NOW_NS)
     assert net.fits(1, 0, None, NOW_NS)
-    net.read(0)
+    net.read(0, is_as_before=True)
     net.set_conductances(better_s, better_s)
     assert not net.fits(1, 0, None, NOW_NS)
     assert net.fits(1, -100_000, None, NOW_NS)
@@ -108,7 +108,7 @@ def test_what_went_through_since_one_was_read_is_its_own_to_the_last_pc(sign: in
     net.add(1, sign, None, NOW_NS)
     assert net.unread_pc(0, NOW_NS) > BOUND_PC / 2
     assert net.unread_pc(0, NOW_NS + LEAK_NS) <= BOUND_PC / 2
-    net.read(0)
+    net.read(0, is_as_before=True)
     assert net.unread_pc(0, NOW_NS) <= BOUND_PC / 2
     assert net.unread_pc(3, NOW_NS) > BOUND_PC / 2
     net.add(1, sign * (BOUND_PC // 2 + 1), None, NOW_NS)
@@ -128,7 +128,7 @@ def test_what_had_gone_through_when_one_was_read_leaks_as_the_rest_does() -> Non
     net = NetCharge(N, BOUND_PC)
     net.add(1, 0.001, None, NOW_NS)
     net.add(1, BOUND_PC, None, NOW_NS + 29_900_000_000)
-    net.read(0)
+    net.read(0, is_as_before=True)
     later_ns = NOW_NS + 30_100_000_000
     assert net.unread_pc(3, later_ns) > BOUND_PC / 2
     assert net.unread_pc(0, later_ns) <= BOUND_PC / 2

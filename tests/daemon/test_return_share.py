@@ -258,43 +258,73 @@ def test_one_that_nothing_bounds_may_carry_all_however_long_ago_it_was_read() ->
 # --- conductances ---------------------------------------------------------------------------------
 
 
-def test_a_known_one_conducts_what_lies_between_its_bounds_and_an_open_one_nothing() -> None:
+def test_of_known_ones_the_likely_part_and_the_most_follow_from_their_paths() -> None:
+    """An open one has none."""
     sharing = seen(*[EVEN] * 7, load(25e3), None)
-    conducts_s, most_s = sharing.conductances(START_NS)
-    assert most_s == [*sharing.most_s[:8], 0.0]
-    assert conducts_s == pytest.approx([1 / 50e3] * 7 + [1 / 25e3, 0.0], rel=0.12)
-    for least_s, found_s, up_to_s in zip(sharing.least_s, conducts_s, sharing.most_s, strict=True):
-        assert least_s <= found_s <= up_to_s
-    assert conducts_s[0] ** 2 == pytest.approx(sharing.least_s[0] * sharing.most_s[0], rel=1e-9)
+    likely, most = sharing.parts(START_NS)
+    assert likely == pytest.approx([1 / 9] * 7 + [2 / 9, 0.0], rel=0.02)
+    assert most[8] == 0.0
+    for part, up_to in zip(likely[:8], most[:8], strict=True):
+        assert part <= up_to <= 1.1 * part
 
 
-def test_an_unknown_one_conducts_as_well_as_the_best_and_an_unbounded_one_no_better() -> None:
-    sharing = ReturnShare(5, METER)
-    for electrode, ohm in enumerate((300e3, 300e3, 100e3)):
+def test_how_far_a_path_is_known_is_how_far_the_most_lies_above_what_is_likely() -> None:
+    sharing = ReturnShare(8, METER)
+    for electrode, ohm in enumerate(paths_ohm([EVEN] * 8)):
+        sharing.update(electrode, True, START_NS, vague(ohm, 1.4))
+    sharing.refresh(START_NS)
+    likely, most = sharing.parts(START_NS)
+    assert likely == pytest.approx([1 / 8] * 8, rel=0.02)
+    assert 0.17 < min(most) <= max(most) < 0.19
+
+
+def test_an_unknown_one_conducts_as_well_as_the_best_and_an_unbounded_one_may_carry_all() -> None:
+    sharing = ReturnShare(6, METER)
+    for electrode, ohm in enumerate((300e3, 300e3, 300e3, 100e3)):
         sharing.update(electrode, True, START_NS, exact(ohm))
+    # The source was at its end there: it may resist anything. And the sixth was never read.
     at_end = changed(exact(100e3), most_ohm=math.inf)
-    sharing.update(3, True, START_NS, at_end)
+    sharing.update(4, True, START_NS, at_end)
     sharing.refresh(START_NS)
-    assert sharing.most_s[2] == math.inf
-    best_s = max(one_s for one_s in sharing.most_s if one_s < math.inf)
-    conducts_s, up_to_s = sharing.conductances(START_NS)
-    assert up_to_s == [*sharing.most_s[:2], best_s, min(best_s, sharing.most_s[3]), best_s]
-    assert conducts_s[2] == pytest.approx(math.sqrt(sharing.least_s[2] * best_s), rel=1e-9)
-    # The source was at its end there, and the fifth was never read.
-    assert sharing.least_s[3] == 0.0
-    assert conducts_s[3:] == [min(best_s, sharing.most_s[3]), best_s]
+    likely, most = sharing.parts(START_NS)
+    assert most[3] == 1.0
+    assert likely[3] == likely[5] == most[5] == max(likely)
+    assert 0.0 < likely[4] <= likely[3]
+    shorted = changed(exact(300e3), least_ohm=0.0)
+    sharing.update(0, True, START_NS + REFRESH_NS, shorted)
+    sharing.refresh(START_NS + REFRESH_NS)
+    assert sharing.parts(START_NS + REFRESH_NS)[1][0] == 1.0
 
 
-def test_where_nothing_is_bounded_all_conduct_alike() -> None:
-    sharing = ReturnShare(3, METER)
+def test_where_few_are_known_all_conduct_alike() -> None:
+    sharing = ReturnShare(5, METER)
     sharing.refresh(START_NS)
-    assert sharing.conductances(START_NS) == ([1.0] * 3, [1.0] * 3)
+    assert sharing.parts(START_NS) == ([0.2] * 5, [0.2] * 5)
     for electrode in (0, 1):
         sharing.update(electrode, True, START_NS, exact(75e3))
     sharing.refresh(START_NS + REFRESH_NS)
-    assert sharing.conductances(START_NS + REFRESH_NS) == ([1.0] * 3, [1.0] * 3)
-    assert sharing.weights(START_NS + REFRESH_NS) == [1.0] * 3
-    assert sharing.share(2) == 1.0
+    assert sharing.parts(START_NS + REFRESH_NS) == ([0.2] * 5, [0.2] * 5)
+
+
+def test_a_path_that_resists_a_tenth_less_is_taken_over_within_milliseconds() -> None:
+    """Though it may be the same one: no path differs from it for certain."""
+    sharing, (path_ohm, *_) = ReturnShare(8, METER), paths_ohm([EVEN] * 8)
+    for electrode in range(8):
+        sharing.update(electrode, True, START_NS, vague(path_ohm, 1.4))
+    sharing.refresh(START_NS)
+    now_ns = START_NS + 50_000_000
+    assert sharing.update(0, True, now_ns, vague(0.91 * path_ohm, 1.4))
+    assert not sharing.refresh(now_ns + 5_000_000)
+    assert not sharing.update(0, True, now_ns, vague(0.89 * path_ohm, 1.4))
+    assert sharing.refresh(now_ns + 5_000_000)
+    # From there on it is the same one.
+    assert sharing.update(0, True, now_ns + 6_000_000, vague(0.89 * path_ohm, 1.4))
+    assert not sharing.refresh(now_ns + 12_000_000)
+
+
+def vague(path_ohm: float, times: float) -> Reading:
+    """Of a path that resists so much, or as many times more or less."""
+    return changed(exact(path_ohm), least_ohm=path_ohm / times, most_ohm=path_ohm * times)
 
 
 # --- looks ----------------------------------------------------------------------------------------

@@ -140,11 +140,11 @@ class Returns:
                 is_due = is_due or self._is_unread(electrode, begun_ns)
             if is_due:
                 reading = self._meter.read(_samples(pulse, result), share.reading(electrode))
-            share.update(electrode, touches, begun_ns, reading)
+            is_as_before = share.update(electrode, touches, begun_ns, reading)
             if is_followed:
                 share.read_from_ns[electrode] = begun_ns
             if reading is not None or not touches:
-                self._ledger.net.read(electrode)
+                self._ledger.net.read(electrode, is_as_before=is_as_before)
         elif not touches:
             share.lose(electrode)
 
@@ -154,7 +154,7 @@ class Returns:
         known = [self._known(electrode, now_ns) for electrode in self._electrodes]
         self._take(ReturnCaps(self._caps_ua, known))
         self._ledger.set_weights(self.share.weights(now_ns), now_ns)
-        self._ledger.net.set_conductances(*self.share.conductances(now_ns))
+        self._ledger.net.set_conductances(*self.share.parts(now_ns))
 
     def _take(self, caps: ReturnCaps) -> None:
         self._caps = caps

@@ -22,7 +22,7 @@ from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.protocol.errors import Refused
 from etd.protocol.frame import DEFAULT_TTL_MS, Frame
 from etd.protocol.outcome import Shortfall
-from etd.safety.net_charge import LEAK_NS, LEAST_S, NetState, parts_of
+from etd.safety.net_charge import LEAK_NS, NetState, others_s, parts_of
 
 _LEAK_S = LEAK_NS / 1e9
 _PC_PER_UC = 1e6
@@ -132,7 +132,7 @@ class NetForecast:
         """
         conducts_s = state.conducts_s
         beside_s = conducts_s if state.beside_s is None else state.beside_s
-        found, pool, whole_s = [0.0] * self._count, 0.0, sum(beside_s)
+        found, pool, beside = [0.0] * self._count, 0.0, others_s(conducts_s, beside_s)
         for scheduled in schedule:
             electrode, net_pc = scheduled.electrode, self._net_pc(scheduled)
             each = net_pc * scheduled.rate_hz * visits
@@ -140,11 +140,11 @@ class NetForecast:
             found[electrode] += each
             if scheduled.returns is None:
                 # All carry the pool back, and it its own part, which is put back here.
-                part = each / max(LEAST_S, whole_s - beside_s[electrode])
+                part = each / beside[electrode]
                 found[electrode] += conducts_s[electrode] * part
                 pool += part
             else:
-                parts = parts_of(scheduled.returns, conducts_s)
+                parts = parts_of(scheduled.returns, conducts_s, is_whole=state.is_named_whole)
                 for other, part in zip(scheduled.returns, parts, strict=True):
                     found[other] -= each * part
         return [current - own_s * pool for current, own_s in zip(found, conducts_s, strict=True)]

@@ -31,13 +31,15 @@ LEAST_S = 1e-12
 
 
 class NetState(NamedTuple):
-    """One account as it is now: by what parts returns share, the charge of each electrode, and what
-    the others of a return conduct beside it; None: as they do for themselves.
+    """One account as it is now: by what parts returns share, the charge of each electrode, what the
+    others of a return conduct beside it (None: as they do for themselves), and whether each return
+    that a pulse names may carry all of it.
     """
 
     conducts_s: Sequence[float]
     left_pc: Sequence[float]
     beside_s: Sequence[float] | None = None
+    is_named_whole: bool = False
 
 
 class _Account:
@@ -47,11 +49,13 @@ class _Account:
     nothing for each electrode. `growth`: what one pC of now counts among them.
     """
 
-    def __init__(self, electrodes: int, bound_pc: int) -> None:
+    def __init__(self, electrodes: int, bound_pc: int, *, is_named_whole: bool = False) -> None:
         self._bound_pc: Final = bound_pc
+        self._is_named_whole: Final = is_named_whole
         self.conducts_s: Sequence[float] = [1.0] * electrodes
         self._beside_s: Sequence[float] = self.conducts_s
         self._whole_s = float(electrodes)
+        self._others_s: Sequence[float] = others_s(self.conducts_s, self.conducts_s)
         self._best_s = 1.0
         #: By electrode: its own pulses, and what it carried back of those that name it, and of all
         #: pulses while other conductances held.
@@ -78,23 +82,23 @@ class _Account:
         for electrode in everyone:
             worth_pc, back_pc = self.worth_pc(electrode), self._back_pc(electrode)
             if electrode in read:
-                before = _part(electrode, self.conducts_s, self._beside_s, self._whole_s)
-                more = _part(electrode, conducts_s, beside_s, whole_s) - before
+                before = self.conducts_s[electrode] / max(LEAST_S, self._whole_s)
+                more = conducts_s[electrode] / max(LEAST_S, whole_s) - before
                 worth_pc, back_pc = _larger(worth_pc, worth_pc - more * back_pc), 0.0
             own_pc.append(worth_pc)
             unread_pc.append(back_pc)
         self._own_pc, self._unread_pc = own_pc, unread_pc
         self._through, self._pool = [0.0] * len(self._own_pc), 0.0
         self.conducts_s, self._beside_s = conducts_s, beside_s
-        self._whole_s, self._best_s = sum(beside_s), max(conducts_s)
+        self._whole_s, self._best_s = whole_s, max(conducts_s)
+        self._others_s = others_s(conducts_s, beside_s)
         # What is left may be less by now: it is counted again.
         self._room_pc = -1.0
 
     def _back_pc(self, electrode: int) -> float:
         """What others' pulses brought since it was read last, of which each carries its part."""
         carried = self._pool - self._through[electrode]
-        whole_s = self._others_s(electrode) + self.conducts_s[electrode]
-        return self._unread_pc[electrode] + carried * whole_s
+        return self._unread_pc[electrode] + carried * self._whole_s
 
     @property
     def has_room(self) -> bool:
@@ -103,7 +107,7 @@ class _Account:
 
     def state(self, growth: float) -> NetState:
         left_pc = [self.worth_pc(electrode) / growth for electrode in range(len(self._own_pc))]
-        return NetState(self.conducts_s, left_pc, self._beside_s)
+        return NetState(self.conducts_s, left_pc, self._beside_s, self._is_named_whole)
 
     def worth_pc(self, electrode: int) -> float:
         carried = self._pool - self._through[electrode]
@@ -117,9 +121,9 @@ class _Account:
         if returns is not None:
             return all(
                 self._stays(self.worth_pc(other) / growth, -net_pc * part)
-                for other, part in zip(returns, parts_of(returns, self.conducts_s), strict=True)
+                for other, part in zip(returns, self._parts_of(returns), strict=True)
             )
-        each = net_pc / self._others_s(electrode)
+        each = net_pc / self._others_s[electrode]
         if self._room_pc >= abs(each) * self._best_s:
             return True
         before_pc = [self.worth_pc(other) / growth for other in range(len(self._own_pc))]
@@ -135,12 +139,12 @@ class _Account:
         worth_pc = net_pc * growth
         self._own_pc[electrode] += worth_pc
         if returns is None:
-            others_s = self._others_s(electrode)
+            others_s = self._others_s[electrode]
             self._through[electrode] += worth_pc / others_s
             self._pool += worth_pc / others_s
             self._room_pc -= abs(net_pc) * self._best_s / others_s
         else:
-            for other, part in zip(returns, parts_of(returns, self.conducts_s), strict=True):
+            for other, part in zip(returns, self._parts_of(returns), strict=True):
                 self._own_pc[other] -= worth_pc * part
             self._room_pc -= abs(net_pc)
         own_pc = abs(self.worth_pc(electrode) / growth)
@@ -152,8 +156,8 @@ class _Account:
         self._unread_pc = [pc * factor for pc in self._unread_pc]
         self._pool *= factor
 
-    def _others_s(self, electrode: int) -> float:
-        return max(LEAST_S, self._whole_s - self._beside_s[electrode])
+    def _parts_of(self, returns: tuple[int, ...]) -> list[float]:
+        return parts_of(returns, self.conducts_s, is_whole=self._is_named_whole)
 
     def _stays(self, before_pc: float, more_pc: float) -> bool:
         """Within its bound, or nearer to it."""
@@ -166,7 +170,7 @@ class NetCharge:
         self.bound_pc: Final = bound_pc
         self._even: Final = _Account(electrodes, bound_pc)
         self._measured: Final = _Account(electrodes, bound_pc)
-        self._most: Final = _Account(electrodes, bound_pc)
+        self._most: Final = _Account(electrodes, bound_pc, is_named_whole=True)
         self._accounts: Final = (self._even, self._measured, self._most)
         #: What the sums were worth at that time.
         self._at_ns = 0
@@ -175,8 +179,9 @@ class NetCharge:
         self._read_pc = [0.0] * electrodes
         #: What the last scan brought through all others, and what there was at its end.
         self.scan_pc = self._scanned_pc = 0.0
-        #: Read since the last conductances.
+        #: Read since the last conductances; and, of these, those that conduct better by now.
         self._read: set[int] = set()
+        self._better: set[int] = set()
 
     def set_conductances(self, conducts_s: Sequence[float], most_s: Sequence[float]) -> None:
         """By electrode, in S, as they were measured, and the most that each may be; from now on
@@ -184,12 +189,20 @@ class NetCharge:
         """
         self._measured.weigh(conducts_s, conducts_s, self._read)
         self._most.weigh(most_s, conducts_s, self._read)
+        for electrode in self._better:
+            self._read_pc[electrode] = self._through_pc
         self._read.clear()
+        self._better.clear()
 
-    def read(self, electrode: int) -> None:
-        """A pulse has measured what this electrode conducts; `set_conductances` says it."""
+    def read(self, electrode: int, *, is_as_before: bool) -> None:
+        """A pulse has measured what this electrode conducts; `set_conductances` says it. One that
+        conducts better than before is unread until then.
+        """
         self._read.add(electrode)
-        self._read_pc[electrode] = self._through_pc
+        if is_as_before:
+            self._read_pc[electrode] = self._through_pc
+        else:
+            self._better.add(electrode)
 
     def unread_pc(self, electrode: int, now_ns: int) -> float:
         """What is left of all pulses through all others since it was read last: so much it may have
@@ -262,21 +275,31 @@ class NetCharge:
         self._read_pc = [pc * factor for pc in self._read_pc]
 
 
-def parts_of(returns: tuple[int, ...], conducts_s: Sequence[float]) -> list[float]:
-    """Of a pulse that returns through these."""
+def others_s(conducts_s: Sequence[float], beside_s: Sequence[float]) -> list[float]:
+    """By electrode, what the others of its pulses conduct: each by `conducts_s` beside what
+    `beside_s` has, and none of them more than all together.
+    """
+    whole_s = sum(beside_s)
+    second_s, best_s = sorted(conducts_s)[-2:] if len(conducts_s) > 1 else (0.0, conducts_s[0])
+    return [
+        max(LEAST_S, whole_s - at_s, second_s if own_s == best_s else best_s)
+        for own_s, at_s in zip(conducts_s, beside_s, strict=True)
+    ]
+
+
+def parts_of(
+    returns: tuple[int, ...], conducts_s: Sequence[float], *, is_whole: bool
+) -> list[float]:
+    """Of a pulse that returns through these; `is_whole`: the most, since no pulse through all
+    others may have measured them.
+    """
+    if is_whole:
+        return [1.0] * len(returns)
     named_s = [conducts_s[other] for other in returns]
     whole_s = sum(named_s)
     if whole_s <= LEAST_S:
         return [1.0 / len(returns)] * len(returns)
     return [own_s / whole_s for own_s in named_s]
-
-
-def _part(
-    electrode: int, conducts_s: Sequence[float], beside_s: Sequence[float], whole_s: float
-) -> float:
-    """Of what all carry; whatever the unit is, which may be another one later."""
-    own_s = conducts_s[electrode]
-    return own_s / max(LEAST_S, whole_s - beside_s[electrode] + own_s)
 
 
 def _larger(one_pc: float, other_pc: float) -> float:

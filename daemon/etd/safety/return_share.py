@@ -19,13 +19,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS, is_stale
 from etd.safety.conductance import PathMeter, Reading, own_bounds
+from etd.safety.return_parts import likely_parts, most_parts
 
 #: The shortest time between two readings of a path, and between two updates of what follows from
 #: them; the second number holds where an electrode has become known or unknown.
 REFRESH_NS, _SOON_NS = 250_000_000, 2_000_000
+#: A path that resists less than this part of what was taken over is taken over soon, too: by less
+#: the shares are hardly other ones.
+_HARDLY_LESS = 0.9
 #: The weight of an electrode that may carry the whole current, whatever the others conduct.
 _WHOLE = 1e9
 #: An own resistance that is not bounded, and the path when it was found.
@@ -45,6 +50,8 @@ class ReturnShare:
         self._looked_ns: list[int | None] = [None] * count
         self._readings: list[Reading | None] = [None] * count
         self._read_ns: list[int | None] = [None] * count
+        #: By electrode: the least path that the last refresh had.
+        self._taken_ohm = [math.inf] * count
         #: From then on the next pulse of an electrode is to be read.
         self.read_from_ns = [0] * count
         #: The electrodes known to touch, and when each measurement expires.
@@ -73,11 +80,15 @@ class ReturnShare:
 
     def update(
         self, electrode: int, touches: bool, now_ns: int, reading: Reading | None = None
-    ) -> None:
+    ) -> bool:
         """A pulse through all others has measured whether this electrode touches, and its path if
-        it was read.
+        it was read. Returns whether it hardly conducts better than what follows was found by: if
+        not, a refresh is due soon.
         """
+        is_better = reading is not None and self._is_better(electrode, reading)
         if reading is not None:
+            if is_better:
+                self._refresh_soon(now_ns)
             # Between two of its readings a contact changed: this one, or one of its way back.
             before = self._readings[electrode]
             if before is not None and before.differs(reading):
@@ -98,6 +109,10 @@ class ReturnShare:
                 self._add(electrode, last, now_ns)
         self._touches[electrode] = touches
         self._looked_ns[electrode] = now_ns
+        return not is_better
+
+    def _is_better(self, electrode: int, reading: Reading) -> bool:
+        return reading.least_ohm < _HARDLY_LESS * self._taken_ohm[electrode]
 
     def lose(self, electrode: int) -> None:
         """This electrode does not touch. If it did before, no contact is known any more."""
@@ -185,6 +200,7 @@ class ReturnShare:
             self._bound_own(electrode, reading.least_ohm, own.back_ohm[place])
         self.least_s, self._known_s = least_s, sum(least_s)
         for electrode, seen in enumerate(self._readings):
+            self._taken_ohm[electrode] = math.inf if seen is None else seen.least_ohm
             if seen is not None and self._known_s > 0.0 and self._is_open(electrode, now_ns):
                 self._bound_own(electrode, seen.least_ohm, 1.0 / self._known_s)
         if not self._is_sparse:
@@ -228,24 +244,41 @@ class ReturnShare:
             found.append(weight if self.is_known(electrode, now_ns) else max(1.0, weight))
         return found
 
-    def conductances(self, now_ns: int) -> tuple[list[float], list[float]]:
-        """By electrode, in S: nearer to what is than `weights`, which bound it, between the least
-        and the most; and the most, as far as one is known. 0 where nothing touches. An unknown one
-        conducts as well as the best that was measured; where none was, all are alike.
+    def parts(self, now_ns: int) -> tuple[list[float], list[float]]:
+        """By electrode, what it likely conducts of all, and the most that it may: nearer to what is
+        than `weights`, which bound it. 0 where nothing touches. An unknown one conducts as well as
+        the best; where few are known, all are alike.
         """
-        best_s, middle, most = self._best_s, list[float](), list[float]()
-        for electrode, (least_s, most_s) in enumerate(zip(self.least_s, self.most_s, strict=True)):
-            if electrode in self._known:
-                # Of a bound that is none, nothing is known.
-                most_s = min(most_s, best_s)
-                middle.append(math.sqrt(least_s * most_s) if least_s > 0.0 else most_s)
-            else:
-                most_s = 0.0 if self._is_open(electrode, now_ns) else best_s
-                middle.append(most_s)
-            most.append(most_s)
-        if not any(middle):
-            middle, most = [1.0] * self._electrodes, [1.0] * self._electrodes
-        return middle, most
+        count = self._electrodes
+        read = {one: it for one in sorted(self._known) if (it := self._readings[one]) is not None}
+        if self._is_sparse or not read:
+            return [1.0 / count] * count, [1.0 / count] * count
+        likely, most = self._parts_of(list(read.values()))
+        best = max(likely)
+        likely_of, most_of = (
+            dict(zip(read, likely, strict=True)),
+            dict(zip(read, most, strict=True)),
+        )
+        unknown = {
+            one: best for one in range(count) if one not in read and not self._is_open(one, now_ns)
+        }
+        return (
+            [{**unknown, **likely_of}.get(one, 0.0) for one in range(count)],
+            [{**unknown, **most_of}.get(one, 0.0) for one in range(count)],
+        )
+
+    def _parts_of(self, readings: Sequence[Reading]) -> tuple[list[float], list[float]]:
+        """Of those that are known, in their order: the likely ones, and the most."""
+        best_s = [_inverse(reading.least_ohm) for reading in readings]
+        most = most_parts([_inverse(reading.most_ohm) for reading in readings], best_s)
+        # The rise takes longer by the way back, which is that part of the path.
+        paths_ohm = [
+            self._meter.most_ohm(reading, part * reading.most_ohm)
+            for reading, part in zip(readings, most, strict=True)
+        ]
+        worst_s = [_inverse(ohm) for ohm in paths_ohm]
+        between = [_between(*both) for both in zip(worst_s, best_s, strict=True)]
+        return likely_parts(between), most_parts(worst_s, best_s)
 
     # --- contact polls ---------------------------------------------------------------------------
 
@@ -265,3 +298,14 @@ class ReturnShare:
             if then_ns is None or now_ns - then_ns >= CONTACT_POLL_NS:
                 return True
         return False
+
+
+def _inverse(ohm: float) -> float:
+    return 1.0 / ohm if ohm > 0.0 else math.inf
+
+
+def _between(least_s: float, most_s: float) -> float:
+    """Of what has no bound on one side, the other one."""
+    if most_s == math.inf:
+        return least_s
+    return math.sqrt(least_s * most_s) if least_s > 0.0 else most_s
