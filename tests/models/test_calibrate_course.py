@@ -83,10 +83,9 @@ def test_64_thresholds_are_found_within_a_tenth_and_nothing_hurts(
     print(f"{method}, seed {seed}: {progress.presentations} presentations, worst {worst:.1%}")
     assert worst <= 0.10
     assert skin.most_of_pain() < 1.0
-    # A lapse says *too strong* of the threshold, and of what is left below it nothing is felt.
-    lost = [electrode for electrode, limits in enumerate(made.electrode) if not limits.felt]
-    assert len(lost) <= 1
-    assert all(skin.pain_ua[electrode] < 1.5 * skin.threshold_ua[electrode] for electrode in lost)
+    # A lapse may have called the threshold of one too strong, where pain is near.
+    lost = [one for one, limits in enumerate(made.electrode) if not limits.felt]
+    assert [skin.pain_ua[one] < 1.5 * skin.threshold_ua[one] for one in lost] in ([], [True])
     check_order(made, "made")
 
 

@@ -22,7 +22,9 @@ import math
 from collections.abc import Callable, Sequence
 
 #: Of a root, by halves: nearer than any path is known.
-_HALVES = 24
+_HALVES = 20
+#: Of one by its slope, in steps; and up to where that is not too steep.
+_STEPS, _FLAT = 3, 0.24
 
 
 def likely_parts(through_s: Sequence[float]) -> list[float]:
@@ -53,18 +55,20 @@ def most_parts(least_s: Sequence[float], most_s: Sequence[float]) -> list[float]
 
 
 def _near(own_s: float, most_own_s: float, scale: float, slope: float) -> float | None:
-    """Hardly more than the most that one may have, for as much as one root of two costs; None where
-    it may have half of all.
+    """Hardly more than the most that one may have, for as much as some steps of a root cost; None
+    where it may have nearly half of all.
     """
-
     if most_own_s <= 0.0:
         return 0.0
-
-    def room(now: float) -> float:
-        return slope * (scale - now) + _lesser(now * own_s) - _lesser(now * most_own_s)
-
-    most = min(scale, 0.25 / most_own_s)
-    return None if room(most) > 0.0 else _lesser(_root(room, most) * most_own_s)
+    now = min(scale, _FLAT / most_own_s)
+    for step in range(_STEPS):
+        below, above = _root_of(now * own_s), _root_of(now * most_own_s)
+        # All parts together beyond 1, and how fast that rises, ever faster: no step goes too far.
+        beyond = slope * (now - scale) + below - above
+        if step == 0 and beyond < 0.0:
+            return None
+        now -= max(0.0, beyond) / (slope - 0.5 * own_s / below + 0.5 * most_own_s / above)
+    return _lesser(now * most_own_s)
 
 
 def _most_part(through_s: Sequence[float], one: int) -> tuple[float, float]:
@@ -87,7 +91,12 @@ def _most_part(through_s: Sequence[float], one: int) -> tuple[float, float]:
 
 def _lesser(scaled: float) -> float:
     """The lesser x of x (1 - x) = `scaled`."""
-    return 0.5 - math.sqrt(max(0.0, 0.25 - scaled))
+    return 0.5 - _root_of(scaled)
+
+
+def _root_of(scaled: float) -> float:
+    """How far both x lie off a half."""
+    return math.sqrt(max(0.0, 0.25 - scaled))
 
 
 def _whole(through_s: Sequence[float], scale: float) -> float:

@@ -31,6 +31,8 @@ REFRESH_NS, _SOON_NS = 250_000_000, 2_000_000
 #: A path that resists less than this part of what was taken over is taken over soon, too: by less
 #: the shares are hardly other ones.
 _HARDLY_LESS = 0.9
+#: How much larger than the likely part the way back is taken, for what it adds to a rise.
+_WAY_BACK = 2.0
 #: The weight of an electrode that may carry the whole current, whatever the others conduct.
 _WHOLE = 1e9
 #: An own resistance that is not bounded, and the path when it was found.
@@ -270,11 +272,14 @@ class ReturnShare:
     def _parts_of(self, readings: Sequence[Reading]) -> tuple[list[float], list[float]]:
         """Of those that are known, in their order: the likely ones, and the most."""
         best_s = [_inverse(reading.least_ohm) for reading in readings]
-        most = most_parts([_inverse(reading.most_ohm) for reading in readings], best_s)
+        between = [
+            _between(_inverse(it.most_ohm), own_s)
+            for it, own_s in zip(readings, best_s, strict=True)
+        ]
         # The rise takes longer by the way back, which is that part of the path.
         paths_ohm = [
-            self._meter.most_ohm(reading, part * reading.most_ohm)
-            for reading, part in zip(readings, most, strict=True)
+            self._meter.most_ohm(reading, min(1.0, _WAY_BACK * part) * reading.most_ohm)
+            for reading, part in zip(readings, likely_parts(between), strict=True)
         ]
         worst_s = [_inverse(ohm) for ohm in paths_ohm]
         between = [_between(*both) for both in zip(worst_s, best_s, strict=True)]
