@@ -7,15 +7,17 @@ contacts that change once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import repeat
 
 import pytest
 
 import engine_rig
+from engine_rig import EngineRig
 from engine_scenes import config, opened_to
+from etd.files.configuration import LoadedConfig
 from etd_body.electrode import Contact, load, skin
 from etd_body.minimal import MinimalBody
 from net_witness import NetWitness
@@ -57,17 +59,10 @@ class Scene:
 def most_uc(scene: Scene, last_ohm: Iterator[float], milliseconds: int) -> float:
     """Renewed each 25 ms, when the last contact becomes the next of these."""
     loaded = config(electrodes=scene.electrodes, maxima={"net_charge_nc": scene.bound_nc})
-    source, last = loaded.board.source, scene.electrodes - 1
-    contacts = (*scene.contacts, scene.contact(next(last_ohm)))
-    body = MinimalBody(contacts, leak_ohm=source.leak_ohm, compliance_v=source.compliance_v)
-    with closing(engine_rig.make(loaded=loaded, body=body, is_traced=False)) as rig:
-        witness = NetWitness(body)
-        rig.meanwhile = witness.look
-        rig.open(3_000, 200)
-        rig.arm()
-        opened_to(rig, 3_000)
+    contacts = [*scene.contacts, scene.contact(next(last_ohm))]
+    with witnessed(loaded, contacts) as (rig, witness):
         for _ in range(milliseconds // 25):
-            body.touch(rig.clock.now_ns(), last, scene.contact(next(last_ohm)))
+            rig.fake.world.touch(scene.electrodes - 1, scene.contact(next(last_ohm)))
             rig.show(
                 current_ua=scene.currents_ua,
                 polarity="anodic",
@@ -78,6 +73,22 @@ def most_uc(scene: Scene, last_ohm: Iterator[float], milliseconds: int) -> float
             )
             rig.run_ms(25)
         return witness.most_uc
+
+
+@contextmanager
+def witnessed(
+    loaded: LoadedConfig, contacts: Sequence[Contact]
+) -> Iterator[tuple[EngineRig, NetWitness]]:
+    """Armed on this skin, the soft start over."""
+    source = loaded.board.source
+    body = MinimalBody(tuple(contacts), leak_ohm=source.leak_ohm, compliance_v=source.compliance_v)
+    with closing(engine_rig.make(loaded=loaded, body=body, is_traced=False)) as rig:
+        witness = NetWitness(body)
+        rig.meanwhile = witness.look
+        rig.open(3_000, 200)
+        rig.arm()
+        opened_to(rig, 3_000)
+        yield rig, witness
 
 
 @pytest.mark.parametrize(
@@ -125,16 +136,10 @@ def test_a_named_return_keeps_it_however_it_conducts(best_ohm: float, polarity: 
     """On relays, which leave all others open. Eight electrodes return through the same eight; what
     these conduct was not measured for longer than a measurement counts.
     """
+    named = tuple(range(8, 16))
+    contacts = [*[load(20e3)] * 8, load(best_ohm), *[load(100e3)] * 7]
     loaded = config(board="feetthrough-relay", electrodes=16)
-    source, named = loaded.board.source, tuple(range(8, 16))
-    contacts = (*[load(20e3)] * 8, load(best_ohm), *[load(100e3)] * 7)
-    body = MinimalBody(contacts, leak_ohm=source.leak_ohm, compliance_v=source.compliance_v)
-    with closing(engine_rig.make(loaded=loaded, body=body, is_traced=False)) as rig:
-        witness = NetWitness(body)
-        rig.meanwhile = witness.look
-        rig.open(3_000, 200)
-        rig.arm()
-        opened_to(rig, 3_000)
+    with witnessed(loaded, contacts) as (rig, witness):
         for current_ua in (20, 1_000, 2_000):
             for _ in range(20):
                 rig.show(
