@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 
 from etd import cli
+from etd.files.as_started import keep_as_started
+from etd.files.paths import board_as_started_file
+from etd.files.resources import find
 from etd_hal.boardfile import BoardFile
 from etd_hal.errors import BusError
 from etd_hal.linux import opening as linux
@@ -117,3 +120,23 @@ def test_only_lines_that_cannot_be_had_are_a_refusal(
     assert "POL (4) is held by 'etd'" in told
     assert "etd stop" in told
     assert kernel.granted == []
+
+
+def test_settings_that_name_the_fake_by_now_leave_the_board_that_an_engine_has_driven_a_real_one(
+    kernel: Kernel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / "main.toml"
+    settings.write_text('backend = "fake"\nboard = "reference-hv507"\nmachine = "pi4"\n')
+    asked = ["safe", "--config", str(settings), "--state", str(tmp_path)]
+    assert cli.main(asked) == 0
+    assert "nothing to do" in capsys.readouterr().out
+    keep_as_started(
+        board_as_started_file("main", "linux", tmp_path), find("boards", "reference-hv507")
+    )
+
+    cli.main(asked)
+
+    assert kernel.granted[0].writes[0] == {POL: 1, BL: 0, HV: 0}
+    told = capsys.readouterr()
+    assert "the board is made safe as the engine was started with it" in told.err
+    assert "nothing to do" not in told.out

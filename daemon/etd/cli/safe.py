@@ -94,7 +94,8 @@ class _Settings:
 
 def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]:
     """As the last engine was started with them, or as they are: an edit since then may have made
-    the files unreadable, or name other lines than those that it has moved.
+    the files unreadable, or name other lines than those that it has moved, or the fake board. Of
+    that one no copy counts: what an engine had on Linux is a real board.
     """
     now: tuple[_Settings, BoardFile] | FileError
     try:
@@ -113,11 +114,10 @@ def _settings_and_board(args: argparse.Namespace) -> tuple[_Settings, BoardFile]
     if isinstance(now, FileError):
         _tell_as_started(str(now), copy)
         return _Settings("linux", str(copy), _ANY_MACHINE, copy.parent), then
-    settings, as_it_is = now
-    if then == as_it_is:
-        return now
-    _tell_as_started("the settings or the board's file are not as they were", copy)
-    return replace(settings, backend=_backend(args, "linux")), then
+    settings = replace(now[0], backend=_backend(args, "linux"))
+    if now != (settings, then):
+        _tell_as_started("the settings or the board's file are not as they were", copy)
+    return settings, then
 
 
 def _or_raised(found: tuple[_Settings, BoardFile] | FileError) -> tuple[_Settings, BoardFile]:
