@@ -20,6 +20,17 @@ def test_it_counts_for_its_file_and_for_no_other(tmp_path: Path) -> None:
     assert as_started("main", tmp_path / "other.toml", tmp_path) is None
 
 
+def test_one_that_cannot_be_made_leaves_the_one_before(tmp_path: Path) -> None:
+    board, copy = tmp_path / "board.toml", board_as_started_file("main", "linux", tmp_path)
+    board.write_text('name = "driven"\n', encoding="utf-8")
+    keep_as_started(copy, board)
+    before = copy.read_bytes()
+    board.unlink()
+    with pytest.raises(FileNotFoundError):
+        keep_as_started(copy, board)
+    assert copy.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     "head", [b"", b"# etd: {}\n", b"# etd: [1]\n", b"# etd: 1\n", b"\xff\n", b"[" * 5_000 + b"\n"]
 )

@@ -20,10 +20,10 @@ from etd.files import paths
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import load_calibration
 from etd.files.calibration_folder import CalibrationFolder
+from etd.files.exclusive import NameLock
 from etd.files.resources import find
 from etd.files.trust import check_beyond, make_own, open_unshared
 from etd.gateway.config import GatewayConfig
-from etd.gateway.exclusive import NameLock
 from etd.gateway.record_store import RecordStore
 from etd.gateway.server import Gateway
 from etd.protocol.errors import EtdError, FileError, Refused

@@ -15,9 +15,9 @@ import pytest
 from command_rig import WITHIN_S, Command, CommandRig, command_rig, wait_for_end
 from etd.client import Display
 from etd.files.calibration import load_calibration
+from etd.files.exclusive import BOTH_PARTS, NameLock
 from etd.files.paths import address_of
 from etd.files.resources import find
-from etd.gateway.exclusive import BOTH_PARTS, NameLock
 from etd.protocol.calibration_set import digest_of
 from etd.protocol.messages import StateReport
 
@@ -76,6 +76,35 @@ def test_a_second_daemon_of_the_name_is_refused_and_leaves_the_first_alone(
         assert trace.read_bytes().startswith(recorded)
         assert recorded.startswith(b'{"etd_trace"')
         assert rig.run("status", "--json").answer["status"]["state"] == "SAFE"
+
+
+@pytest.mark.parametrize("folder", ["a", "b"], ids=["both folders shared", "the state shared"])
+def test_a_second_engine_is_refused_before_it_has_a_line_or_keeps_its_boards_file(
+    rig: CommandRig, folder: str
+) -> None:
+    """The copy is for `etd safe`: it is of the board whose lines were moved."""
+    state = ("--state", str(rig.folder / "kept"))
+    with rig.daemon("--folder", str(rig.folder / "a"), *state):
+        (copy,) = (rig.folder / "kept").glob("board-as-started-*.toml")
+        kept, trace = copy.read_bytes(), rig.folder / "trace.jsonl"
+        second = rig.run(
+            *("run", "--part", "engine", "--board", "fake:feetthrough-relay", *state),
+            *("--folder", str(rig.folder / folder), "--trace", str(trace)),
+        )
+        assert "already running" in second.err
+        assert second.status == 1
+        assert copy.read_bytes() == kept
+        assert not trace.exists()
+
+
+def test_where_the_boards_file_cannot_be_kept_nothing_is_armed(rig: CommandRig) -> None:
+    state = rig.folder / "kept"
+    (state / "board-as-started-fake.toml").mkdir(parents=True)
+    state.chmod(0o700)
+    with rig.daemon("--array", "pad-8", "--state", str(state)):
+        why = rig.run("status", "--json").answer["status"]["arming_refused"]
+        assert "board-as-started-fake.toml" in why
+        assert "name another folder with --state" in why
 
 
 def test_stop_halts_until_it_is_cleared(shared: CommandRig) -> None:

@@ -25,6 +25,7 @@ from etd.cli.extras import check_fake
 from etd.cli.part_ending import status_of_part
 from etd.files.as_started import keep_as_started
 from etd.files.configuration import LoadedConfig, fake_config, load_config
+from etd.files.exclusive import BOTH_PARTS, ENGINE, NameLock
 from etd.files.paths import (
     CONTROL,
     board_as_started_file,
@@ -174,8 +175,6 @@ def _check_fake_only(args: argparse.Namespace, loaded: LoadedConfig) -> None:
 
 
 def _run_both(args: argparse.Namespace, loaded: LoadedConfig, folder: Path) -> int:
-    from etd.gateway.exclusive import BOTH_PARTS, NameLock
-
     if why_unreachable(folder / CONTROL) is None:
         raise AlreadyRunning(args.name, f"a daemon answers at {folder / CONTROL}")
     with contextlib.closing(NameLock(folder, args.name, BOTH_PARTS)):
@@ -290,29 +289,42 @@ def _run_engine(
         _shipped_calibrations() if is_fake else None,
         None if core == "any" else core,
     )
-    given = _given_state_folder(args)
-    note = supply_note_file(args.name, loaded.config.backend, given)
-    # Where this cannot be had, arming is refused with the reason; the board is made safe anyway.
-    refusal = None
+    with contextlib.ExitStack() as held:
+        note, refusal = _kept_by_engine(args, loaded, held)
+        return run_engine(
+            loaded,
+            _open_backend(args, loaded),
+            folder,
+            _selftest_file(args, loaded),
+            on_ready,
+            calibrations=calibrations,
+            is_of_one_user=args.lifeline,
+            supply_note=note,
+            note_refusal=refusal,
+        )
+
+
+def _kept_by_engine(
+    args: argparse.Namespace, loaded: LoadedConfig, held: contextlib.ExitStack
+) -> tuple[Path | None, str | None]:
+    """Where the supply is noted, and why nothing must be armed. The board's file is kept there too,
+    by one engine at a time and before it has a line: `etd safe` must find the lines that were
+    moved. Where that cannot be, arming is refused; the board is made safe anyway.
+
+    Raises: AlreadyRunning.
+    """
+    backend, given = loaded.config.backend, _given_state_folder(args)
+    note = supply_note_file(args.name, backend, given)
     try:
         make_own(note.parent, 0o700)
-        as_started = board_as_started_file(args.name, loaded.config.backend, given)
-        keep_as_started(as_started, loaded.board_file)
+        held.enter_context(contextlib.closing(NameLock(note.parent, args.name, ENGINE[backend])))
+        keep_as_started(board_as_started_file(args.name, backend, given), loaded.board_file)
     except FileError as error:
-        refusal = str(error)
-    except OSError:
-        pass  # the engine tries to write there, and says why it cannot
-    return run_engine(
-        loaded,
-        _open_backend(args, loaded),
-        folder,
-        _selftest_file(args, loaded),
-        on_ready,
-        calibrations=calibrations,
-        is_of_one_user=args.lifeline,
-        supply_note=note if refusal is None else None,
-        note_refusal=refusal,
-    )
+        return None, str(error)
+    except OSError as error:
+        advice = "let the engine's user write there, or name another folder with --state"
+        return note, f"{error}: {advice}"
+    return note, None
 
 
 def _selftest_file(args: argparse.Namespace, loaded: LoadedConfig) -> Path:

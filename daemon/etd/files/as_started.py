@@ -28,11 +28,11 @@ _NONE = (OSError, ValueError, KeyError, TypeError, RecursionError, FileError)
 
 
 def keep_as_started(copy: Path, file: Path) -> None:
-    """Nothing of an earlier start is left, whatever becomes of this one.
+    """By the one engine that has this folder, before it has a line. The copy of an earlier start
+    stays until this one is there whole: its lines were moved too.
 
-    Raises: OSError, FileError.
+    Raises: OSError.
     """
-    copy.unlink(missing_ok=True)
     of = json.dumps({"boot": _boot(), "file": str(file.resolve())})
     write_atomically(copy, f"{_HEAD}{of}\n".encode() + file.read_bytes(), mode=0o600)
 

@@ -13,11 +13,11 @@ from collections import Counter
 import msgspec
 
 from etd.files.calibration_process import CalibrationProcess, CalibrationReader
+from etd.files.exclusive import NameLock
 from etd.files.paths import check_name, prepare_runtime
 from etd.gateway.config import GatewayConfig, Operators
 from etd.gateway.control import ONLY_REPLIES, SLOW, ControlHandler
 from etd.gateway.engine_link import EngineLink
-from etd.gateway.exclusive import NameLock
 from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import InboundMessage, Unreadable
 from etd.gateway.journal import Journal

@@ -1,8 +1,8 @@
-"""One gateway for one name; and one command that starts both parts.
+"""One gateway for one name, one engine for one folder of its own, one command that starts both.
 
-Owns: the lock that refuses a second one before it binds anything: a gateway would silently take
-over the Unix sockets of the first, and of two commands each would get one part. Must not know:
-sockets.
+Owns: the lock that refuses a second one before it does anything: a gateway would silently take over
+the Unix sockets of the first, an engine what is kept of the board that the first drives, and of two
+commands each would get one part. Must not know: sockets, boards.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from pathlib import Path
 from etd.files.trust import open_own
 from etd.protocol.errors import AlreadyRunning
 
-#: Which of both: a file of the folder of sockets.
+#: A file of the folder of sockets.
 GATEWAY, BOTH_PARTS = "gateway.lock", "run.lock"
+#: A file beside the engine's note of the supply, by backend.
+ENGINE = {"linux": "engine-linux.lock", "fake": "engine-fake.lock"}
 
 
 class NameLock:
-    """Of one of these files. Held until `close`, or until the process ends however it ends.
+    """Of such a file. Held until `close`, or until the process ends however it ends.
     Raises: AlreadyRunning, FileError (something else is in the place of the lock).
     """
 
