@@ -111,6 +111,15 @@ def test_the_texts_of_a_calibration_are_bounded(key: str) -> None:
         b'{"op":"stop"',
         b'{"client":"a\xff","op":"stop"}',
         b'{ "id": 7, "op" : "stop", "x": NaN}',
+        b'{"x":{"y":1},"op":"stop"',
+        b'{"x":{"y":1,"op":"stop"}',
+        b'{"client":"my {best} display","op":"stop","id":nan}',
+        b'{"client":"a}b\xff","op":"stop"}',
+        b'{"op":"stop","op":"hello"}',
+        b'{"op":"hello","op":"stop"}',
+        b'{"op":"stop","op":5}',
+        b'{"op":"note","text":{"op":"stop"}}',
+        b'{"client":"a", op:"stop", "op":"stop" and more',
     ],
 )
 def test_a_stop_is_a_stop_though_its_message_is_no_json(data: bytes) -> None:
@@ -121,7 +130,7 @@ def test_a_stop_is_a_stop_though_its_message_is_no_json(data: bytes) -> None:
     "data",
     [
         b'{"op":"note","text":"\\ud800 \\"op\\":\\"stop\\""}',
-        b'{"op":"note","text":{"op":"stop"}}',
+        b'{"say \\"op":"stop"}',
         b'{"op":"stopped"',
         b'["op","stop"]',
     ],

@@ -67,14 +67,15 @@ def _play_request(data: bytes) -> None:
 
 
 def _says_stop(data: bytes) -> bool:
-    """By another reader of JSON: one object whose only `op` is "stop"."""
+    """By another reader of JSON: an object of which an `op` is "stop", the only one or plainly."""
     if not data.startswith(b"{"):
         return False
     try:
         pairs = json.loads(data.decode(), object_pairs_hook=lambda pairs: pairs)
     except (ValueError, RecursionError):
         return False
-    return [value for key, value in pairs if key == "op"] == ["stop"]
+    ops = [value for key, value in pairs if key == "op"]
+    return "stop" in ops and (len(ops) == 1 or b"\\" not in data)
 
 
 def request_seeds() -> Iterator[bytes]:
@@ -83,7 +84,7 @@ def request_seeds() -> Iterator[bytes]:
     for request in (
         {"op": "hello"},
         {"op": "status", "id": "a"},
-        {"op": "stop", "id": 1, "client": "study"},
+        {"op": "stop", "id": 1, "client": "my {best} study"},
         {"op": "open", "id": 2, "client": "study", "limits": limits},
         {"op": "open", "client": "study", "calibration": "P01"},
         {"op": "open", "client": "study", "calibration": ["P01", "P01-cathodic"]},
@@ -100,6 +101,7 @@ def request_seeds() -> Iterator[bytes]:
         yield json.dumps(request).encode()
     made = {"op": "calibration", "do": "set", "name": "P01"}
     yield json.dumps({**made, "calibration": msgspec.to_builtins(calibration())}).encode()
+    yield b'{"x":{"y":1},"op":"hello","op":"stop"}'
     yield from _streamed_seeds()
 
 
