@@ -96,6 +96,12 @@ def test_a_stop_is_a_stop_and_its_client_is_plain(client: str) -> None:
     assert not [sign for sign in request.client if unicodedata.category(sign) == "Cc"]
 
 
+def test_a_stop_names_its_client_and_has_its_id_where_all_of_it_can_be_read() -> None:
+    data = b'{"op":"stop","client":"my {best} display","id":7}'
+    request = read_request(InboundMessage(1, (b"",), 0, data))
+    assert request == Stop(client="my {best} display", id=7)
+
+
 @pytest.mark.parametrize("key", ["body_site", "array", "program"])
 def test_the_texts_of_a_calibration_are_bounded(key: str) -> None:
     data = msgspec.to_builtins(CALIBRATION)
