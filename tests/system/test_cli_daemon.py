@@ -92,6 +92,7 @@ def test_a_second_engine_is_refused_before_it_has_a_line_or_keeps_its_boards_fil
             *("--folder", str(rig.folder / folder), "--trace", str(trace)),
         )
         assert "already running" in second.err
+        assert "other folders where --folder or --state names one" in second.err
         assert second.status == 1
         assert copy.read_bytes() == kept
         assert not trace.exists()

@@ -197,7 +197,8 @@ class AlreadyRunning(EtdError):
     def __init__(self, name: str, what: str) -> None:
         self.name = name
         super().__init__(
-            f"a daemon named {name!r} is already running ({what}): stop it, or give another --name"
+            f"a daemon named {name!r} is already running ({what}): stop it, or give another --name,"
+            " and other folders where --folder or --state names one"
         )
 
 
