@@ -172,6 +172,13 @@ def test_a_lock_is_a_file_of_its_own(root: Path, victim: Path, kind: str) -> Non
 
 
 @needs_root
+def test_a_lock_that_root_has_made_is_the_folders_owners(root: Path) -> None:
+    """The service, which has the folder, could not open it afterwards."""
+    NameLock(strangers(root / "kept"), "x").close()
+    assert (root / "kept" / "gateway.lock").stat().st_uid == STRANGER
+
+
+@needs_root
 @pytest.mark.parametrize("below", [".", "calibrations"])
 def test_a_calibration_is_not_written_for_somebody_else(root: Path, below: str) -> None:
     strangers(root / "state" / below)

@@ -30,6 +30,9 @@ class NameLock:
         # The owner's alone: another user who may open it can lock it, and keep this from starting.
         self._fd: int | None = open_own(path, os.O_RDWR | os.O_CREAT, 0o600)
         try:
+            if os.geteuid() == 0:  # Else the service that has the folder could not open it again.
+                owner = folder.stat()
+                os.fchown(self._fd, owner.st_uid, owner.st_gid)
             os.fchmod(self._fd, 0o600)
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
