@@ -14,11 +14,17 @@ import pytest
 from etd import cli
 from etd.cli import selftest_ending
 from etd.cli.selftest_table import Table
+from etd.files.as_started import as_started
 from etd.files.configuration import fake_config
+from etd.files.resources import find
 from etd.selftest.report import load
 from etd.selftest.run import STAGES
 from etd.selftest.subject import subject_of
+from etd_hal.backend import Bench
 from etd_hal.board import Board
+from etd_hal.boardfile import BoardFile, MachineFile
+from etd_hal.compose import open_fake_bench
+from etd_hal.errors import HardwareMissing
 from etd_hal.fake.operator import FakeOperator
 
 pytestmark = pytest.mark.slow
@@ -44,6 +50,33 @@ def test_all_passed_is_status_0_and_absent_guards_are_named(
         assert f"{number}/{len(STAGES)} {name}: {what}" in told
     assert "absent guards: emergency_stop, wearer_stop, hv_enable" in told
     assert f"kajimoto-hv507 on pi4 (backend: fake): passed; report in {state}" in told
+
+
+def test_a_real_boards_file_is_kept_for_safe_once_its_lines_are_held(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A self-test that is killed leaves lines that it has moved; one that is refused moves none."""
+    settings = tmp_path / "main.toml"
+    settings.write_text(
+        'backend = "linux"\nboard = "kajimoto-hv507"\nmachine = "pi4"\narray = "grid-4x4"\n'
+        'body_site = "fingertip"\naccept_absent_guards = []\noperators = []\n'
+        '[engine]\ncore = "any"\npriority = "none"\n'
+    )
+    asked = ["selftest", "--config", str(settings), "--json"]
+    is_busy = True
+
+    def opened(board: BoardFile, _: MachineFile) -> Bench:
+        if is_busy:
+            raise HardwareMissing(("the lines are held",))
+        return open_fake_bench(board, electrodes=range(16))
+
+    monkeypatch.setattr("etd.cli.selftest.open_linux_bench", opened)
+    assert cli.main(asked) == 3
+    assert as_started("main", None, None) is None
+
+    is_busy = False
+    cli.main(asked)
+    assert as_started("main", find("boards", "kajimoto-hv507"), None) is not None
 
 
 def test_a_skip_is_status_1_and_says_what_to_do(

@@ -16,8 +16,11 @@ from etd.cli.new_file import check_new_file
 from etd.cli.run import kept_selftest, loaded_config
 from etd.cli.selftest_ending import broken_off_once
 from etd.cli.selftest_table import Quiet, Table, table_of
+from etd.files.as_started import keep_as_started
 from etd.files.configuration import LoadedConfig
 from etd.files.lasting import why_forgotten
+from etd.files.paths import board_as_started_file, make_own
+from etd.protocol.errors import FileError
 from etd.selftest.fixture import DummyLoad, Fixture, SelftestOptions
 from etd.selftest.ladder import largest_ohm
 from etd.selftest.report import Check, Report, arming_refusal, save
@@ -115,6 +118,7 @@ def _run(args: argparse.Namespace) -> int:
     with broken_off_once():
         bench = _open(loaded, asked)
         try:
+            _keep_for_safe(args.name, loaded)
             report = _tested(args, loaded, bench, asked, kept)
         finally:
             bench.backend.close()
@@ -179,6 +183,21 @@ def _open(loaded: LoadedConfig, asked: SelftestOptions) -> Bench:
     if load is not None and bench.operator is not None:
         bench.operator.clip(load.resistance_ohm, load.first, load.second)
     return bench
+
+
+def _keep_for_safe(name: str, loaded: LoadedConfig) -> None:
+    """Once the lines are held, so that no engine has the board: after a kill `etd safe` must find
+    the lines that were moved, and not those of an engine before. Raises: FileError.
+    """
+    if loaded.config.backend == "fake":
+        return
+    copy = board_as_started_file(name, "linux", None)
+    try:
+        make_own(copy.parent, 0o700)
+        keep_as_started(copy, loaded.board_file)
+    except OSError as error:
+        why = f"the board's file cannot be kept there ({error.strerror})"
+        raise FileError(str(copy), "", why, "let this user write there") from error
 
 
 def _tested(
