@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 import signal
@@ -16,6 +17,8 @@ from etd.cli import selftest_ending
 from etd.cli.selftest_table import Table
 from etd.files.as_started import as_started
 from etd.files.configuration import fake_config
+from etd.files.exclusive import ENGINE, NameLock
+from etd.files.paths import board_as_started_file
 from etd.files.resources import find
 from etd.selftest.report import load
 from etd.selftest.run import STAGES
@@ -75,6 +78,12 @@ def test_a_real_boards_file_is_kept_for_safe_once_its_lines_are_held(
     assert as_started("main", None, None) is None
 
     is_busy = False
+    kept = board_as_started_file("main", "linux", None).parent
+    kept.mkdir(parents=True, exist_ok=True)
+    with contextlib.closing(NameLock(kept, "main", ENGINE["linux"])):
+        assert cli.main(asked) == 1, "an engine has other lines, and its own file's copy"
+    assert as_started("main", None, None) is None
+
     cli.main(asked)
     assert as_started("main", find("boards", "kajimoto-hv507"), None) is not None
 

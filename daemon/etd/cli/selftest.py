@@ -7,6 +7,8 @@ know: what is checked (etd.selftest).
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -18,6 +20,7 @@ from etd.cli.selftest_ending import broken_off_once
 from etd.cli.selftest_table import Quiet, Table, table_of
 from etd.files.as_started import keep_as_started
 from etd.files.configuration import LoadedConfig
+from etd.files.exclusive import ENGINE, NameLock
 from etd.files.lasting import why_forgotten
 from etd.files.paths import board_as_started_file, make_own
 from etd.protocol.errors import FileError
@@ -104,13 +107,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises: HardwareMissing, BusError. Files that cannot be read are wrong use: status 2."""
+    """Raises: HardwareMissing, BusError, AlreadyRunning. Files that cannot be read are wrong use:
+    status 2.
+    """
     with options.wrong_use(args):
         return _run(args)
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Raises: FileError, HardwareMissing, BusError."""
+    """Raises: FileError, HardwareMissing, BusError, AlreadyRunning."""
     loaded = loaded_config(args)
     asked = _asked(args, loaded)
     kept = kept_selftest(args.name, loaded)
@@ -118,8 +123,8 @@ def _run(args: argparse.Namespace) -> int:
     with broken_off_once():
         bench = _open(loaded, asked)
         try:
-            _keep_for_safe(args.name, loaded)
-            report = _tested(args, loaded, bench, asked, kept)
+            with _kept_for_safe(args.name, loaded):
+                report = _tested(args, loaded, bench, asked, kept)
         finally:
             bench.backend.close()
     for path in (kept, *_copies(args)):
@@ -185,19 +190,27 @@ def _open(loaded: LoadedConfig, asked: SelftestOptions) -> Bench:
     return bench
 
 
-def _keep_for_safe(name: str, loaded: LoadedConfig) -> None:
-    """Once the lines are held, so that no engine has the board: after a kill `etd safe` must find
-    the lines that were moved, and not those of an engine before. Raises: FileError.
+@contextlib.contextmanager
+def _kept_for_safe(name: str, loaded: LoadedConfig) -> Iterator[None]:
+    """Once the lines are held: after a kill `etd safe` must find those that were moved, and not
+    those of an engine before. One that runs, on other lines, has its own there.
+
+    Raises: FileError, AlreadyRunning.
     """
     if loaded.config.backend == "fake":
+        yield
         return
     copy = board_as_started_file(name, "linux", None)
-    try:
-        make_own(copy.parent, 0o700)
-        keep_as_started(copy, loaded.board_file)
-    except OSError as error:
-        why = f"the board's file cannot be kept there ({error.strerror})"
-        raise FileError(str(copy), "", why, "let this user write there") from error
+    with contextlib.ExitStack() as held:
+        try:
+            make_own(copy.parent, 0o700)
+            lock = NameLock(copy.parent, name, ENGINE["linux"])
+            held.enter_context(contextlib.closing(lock))
+            keep_as_started(copy, loaded.board_file)
+        except OSError as error:
+            why = f"the board's file cannot be kept there ({error.strerror})"
+            raise FileError(str(copy), "", why, "let this user write there") from error
+        yield
 
 
 def _tested(
