@@ -34,7 +34,8 @@ EXCEPTIONS = {
     # The whole command runs, and opens its own bench: there is no port to hand in.
     "daemon/test_cli_main.py": {"etd.cli.disarm.run"},
     "daemon/test_cli_selftest.py": {
-        *("FakeOperator.clip", "Table.stage", "Board.safe_off", "selftest_ending.MOST_S")
+        *("FakeOperator.clip", "Table.stage", "Board.safe_off", "selftest_ending.MOST_S"),
+        "etd.cli.selftest.open_linux_bench",
     },
     # The folders of a system that tests must not write to.
     "daemon/test_client_paths.py": {
