@@ -23,7 +23,7 @@ _EARLY_NS, _BEFORE_END_NS, _LEAST_WITH_END_US = 10_000, 6_000, 33
 def exact(path_ohm: float, current_ua: float = 300.0) -> Reading:
     """Of a path that is known to the ohm."""
     node_v = current_ua / 1e6 / (1.0 / path_ohm + 1.0 / SOURCE.leak_ohm)
-    whole = Whole(current_ua, node_v, node_v, node_v, 3.4, path_ohm)
+    whole = Whole(current_ua, node_v, node_v, node_v, 3.4, path_ohm, 0.0)
     return Reading(current_ua, path_ohm, path_ohm, whole)
 
 

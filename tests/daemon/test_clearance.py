@@ -38,7 +38,7 @@ def touches(node_v: float) -> Change:
 def share_falls(parts: Components) -> None:
     """Two more contacts become known, between two updates of what follows from them."""
     share, now_ns = parts.returns.share, parts.clock.now_ns()
-    whole = Whole(400.0, 8.0, 8.0, 8.0, 0.0, 19_000.0)
+    whole = Whole(400.0, 8.0, 8.0, 8.0, 0.0, 19_000.0, 0.0)
     for electrode in (5, 6, 7):
         share.update(electrode, True, now_ns, Reading(400.0, 19_000.0, 21_000.0, whole))
     share.refresh(now_ns + 10_000_000)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etd.safety.net_charge import LEAK_NS, LEAST_S, NetCharge, parts_of
+from etd.safety.net_charge import LEAK_NS, LEAST_S, NetCharge, others_s, parts_of
 
 N = 5
 BOUND_PC = 1_000_000
@@ -386,6 +386,12 @@ def test_what_is_left_of_each_pulse_is_what_one_return_would_carry() -> None:
     net.add(0, 0.001, None, NOW_NS)
     net.add(0, 1.1 * BOUND_PC, None, NOW_NS + LEAK_NS)
     assert net.exceeds_one_return(NOW_NS + LEAK_NS)
+
+
+def test_none_carries_more_than_all_of_what_another_one_sends() -> None:
+    assert others_s([1.0, 1.0, 1.0], [1.0, 1.0, 1.0]) == [2.0, 2.0, 2.0]
+    assert others_s([5.0, 1.0, 1.0], [1.0, 1.0, 1.0]) == [2.0, 5.0, 5.0]
+    assert others_s([1.0], [1.0]) == [LEAST_S]
 
 
 def test_named_returns_that_conduct_nothing_share_evenly() -> None:

@@ -72,6 +72,22 @@ def test_what_came_back_before_it_was_read_counts_as_it_conducted_then() -> None
     assert net.states(NOW_NS)[1].left_pc[0] == pytest.approx(-100_000)
 
 
+def test_one_that_conducts_better_is_unread_until_that_counts() -> None:
+    net, before_s, better_s = NetCharge(N, BOUND_PC), [1e-5] * N, [4e-5, *[1e-5] * (N - 1)]
+    net.set_conductances(before_s, before_s)
+    net.add(2, 300_000, None, NOW_NS)
+    net.read(1, is_as_before=True)
+    net.read(0, is_as_before=False)
+    assert net.unread_pc(1, NOW_NS) == 0.0
+    assert net.unread_pc(0, NOW_NS) == pytest.approx(300_000)
+    net.set_conductances(better_s, better_s)
+    assert net.unread_pc(0, NOW_NS) == 0.0
+    # It was, once.
+    net.add(2, 100_000, None, NOW_NS)
+    net.set_conductances(better_s, better_s)
+    assert net.unread_pc(0, NOW_NS) == pytest.approx(100_000)
+
+
 def test_after_a_minute_what_was_not_read_counts_as_before() -> None:
     """The sums are moved to a new time in between."""
     net, before_s, better_s = NetCharge(N, BOUND_PC), [1e-5] * N, [4e-5, *[1e-5] * (N - 1)]

@@ -160,6 +160,19 @@ def test_a_return_that_may_conduct_more_beside_the_others_reaches_the_bound_firs
     assert beside.after_s < 0.8 * alone.after_s
 
 
+def test_of_named_returns_each_has_its_part_or_in_the_account_of_the_most_all() -> None:
+    """Of 2 x 6 uA through the same two: none reaches 10 uC by its half."""
+    named = tuple((2, 3) if at < 2 else (0,) for at in range(N))
+    wanted_ua = (1_000, 1_000, *[0] * (N - 2))
+    made = frame(current_ua=wanted_ua, returns=named, width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    even = NetState([1.0] * N, [0.0] * N)
+    assert forecast().limit(made, schedule, 1.0, [even]) is None
+    whole = forecast().limit(made, schedule, 1.0, [even._replace(is_named_whole=True)])
+    assert whole is not None
+    assert whole.electrode == 2
+
+
 def test_nothing_is_left_where_no_account_says_what_is() -> None:
     made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
     schedule = planner().plan(made).schedule

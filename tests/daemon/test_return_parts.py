@@ -42,6 +42,41 @@ def test_none_has_more_than_it_may_have_at_most(
         assert most <= 1.0
 
 
+def exactly(least_s: list[float], one: int, most_own_s: float) -> float:
+    """With the others at their least, none of which has half: by what they leave of all."""
+    others_s = [*least_s[:one], *least_s[one + 1 :]]
+
+    def left(scale: float) -> float:
+        return 1.0 - sum(0.5 * (1.0 - math.sqrt(1.0 - 4.0 * scale * s)) for s in others_s)
+
+    low, high = 0.0, 0.25 / max(others_s)
+    for _ in range(200):
+        scale = 0.5 * (low + high)
+        part = max(0.0, left(scale))
+        low, high = (scale, high) if scale * most_own_s < part * (1.0 - part) else (low, scale)
+    return max(0.0, left(low))
+
+
+@given(
+    st.lists(st.floats(0.5, 2.0), min_size=8, max_size=40),
+    st.floats(1.0, 4.0),
+)
+def test_the_most_is_hardly_more_than_exactly(own: list[float], times: float) -> None:
+    """Where none may have a third of all."""
+    least_s = [1e-5 * one for one in own]
+    for one, most in enumerate(most_parts(least_s, [times * one_s for one_s in least_s])):
+        wanted = exactly(least_s, one, times * least_s[one])
+        if wanted < 0.33:
+            assert wanted * (1 - 1e-4) <= most <= wanted * 1.02
+
+
+@pytest.mark.parametrize("times", [3.0, 4.0, 5.0, 5.9])
+def test_so_it_is_where_one_may_have_about_half_or_nearly_all(times: float) -> None:
+    found = most_parts([1e-5] * 8, [*[1e-5] * 7, times * 1e-5])[7]
+    wanted = exactly([1e-5] * 8, 7, times * 1e-5)
+    assert wanted * (1 - 1e-4) <= found <= wanted * 1.02
+
+
 @pytest.mark.parametrize(("count", "most"), [(8, 0.26), (16, 0.13), (64, 0.032)])
 def test_where_all_are_read_alike_within_twice_none_has_more_than_about_twice_its_part(
     count: int, most: float
@@ -67,6 +102,10 @@ def test_beside_one_that_has_more_than_half_each_other_one_has_less() -> None:
     for own_s, most in zip(contacts_s[:3], found[:3], strict=True):
         assert own_s / 2.6e-4 < most < 0.5
     assert 2e-4 / 2.6e-4 < found[3] <= 1.0
+    # The others' paths cannot conduct less beside it: it has half, and they as much.
+    assert most_parts([1e-5] * 3 + [2.9e-5], [2e-5] * 3 + [2.9e-5])[0] == pytest.approx(
+        0.5 - math.sqrt(0.25 - 0.25 * 2e-5 / 2.9e-5), rel=1e-3
+    )
 
 
 def test_what_is_read_as_nothing_has_no_part() -> None:

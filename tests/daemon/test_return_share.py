@@ -8,9 +8,10 @@ import pytest
 
 from etd.pulse.measured import CONTACT_POLL_NS, MAX_AGE_NS
 from etd.safety.conductance import Reading
+from etd.safety.return_parts import most_parts
 from etd.safety.return_share import REFRESH_NS, ReturnShare
-from etd_body.electrode import Contact, load
-from path_readings import METER, exact, paths_ohm
+from etd_body.electrode import Contact, load, skin
+from path_readings import METER, exact, paths_ohm, sampled
 from plain_records import changed
 
 START_NS = 5_000_000_000
@@ -278,6 +279,33 @@ def test_how_far_a_path_is_known_is_how_far_the_most_lies_above_what_is_likely()
     assert 0.17 < min(most) <= max(most) < 0.19
 
 
+def test_what_is_likely_lies_between_the_least_and_the_most_however_far_these_are_apart() -> None:
+    paths = paths_ohm([EVEN] * 8)
+    sharing = ReturnShare(8, METER)
+    for electrode, ohm in enumerate(paths):
+        times = 1.4 if electrode < 4 else 1.01
+        sharing.update(electrode, True, START_NS, vague(ohm, times))
+    sharing.refresh(START_NS)
+    assert sharing.parts(START_NS)[0] == pytest.approx([1 / 8] * 8, rel=0.02)
+
+
+def test_the_way_back_makes_a_rise_longer_and_what_it_may_end_at_more() -> None:
+    """Of few contacts; it resists a seventh of each."""
+    on = [skin(2e3, 98e3, 0.3)] * 8
+    sharing, readings = ReturnShare(8, METER), list[Reading]()
+    for electrode in range(8):
+        reading = METER.read(sampled(on, electrode, 300, 50), None)
+        assert reading is not None
+        readings.append(reading)
+        sharing.update(electrode, True, START_NS, reading)
+    sharing.refresh(START_NS)
+    at_once = most_parts(
+        [1.0 / reading.most_ohm for reading in readings],
+        [1.0 / reading.least_ohm for reading in readings],
+    )
+    assert min(sharing.parts(START_NS)[1]) > 1.02 * max(at_once)
+
+
 def test_an_unknown_one_conducts_as_well_as_the_best_and_an_unbounded_one_may_carry_all() -> None:
     sharing = ReturnShare(6, METER)
     for electrode, ohm in enumerate((300e3, 300e3, 300e3, 100e3)):
@@ -293,7 +321,9 @@ def test_an_unknown_one_conducts_as_well_as_the_best_and_an_unbounded_one_may_ca
     shorted = changed(exact(300e3), least_ohm=0.0)
     sharing.update(0, True, START_NS + REFRESH_NS, shorted)
     sharing.refresh(START_NS + REFRESH_NS)
-    assert sharing.parts(START_NS + REFRESH_NS)[1][0] == 1.0
+    likely, most = sharing.parts(START_NS + REFRESH_NS)
+    assert most[0] == 1.0
+    assert 0.0 < min(likely) <= max(likely) < 1.0
 
 
 def test_where_few_are_known_all_conduct_alike() -> None:
@@ -304,6 +334,31 @@ def test_where_few_are_known_all_conduct_alike() -> None:
         sharing.update(electrode, True, START_NS, exact(75e3))
     sharing.refresh(START_NS + REFRESH_NS)
     assert sharing.parts(START_NS + REFRESH_NS) == ([0.2] * 5, [0.2] * 5)
+
+
+def test_where_nothing_is_bounded_one_may_carry_all() -> None:
+    """Of two contacts both paths are the same one."""
+    sharing = ReturnShare(3, METER)
+    for electrode in (0, 1):
+        sharing.update(electrode, True, START_NS, exact(75e3))
+    sharing.refresh(START_NS)
+    assert sharing.weights(START_NS) == [1.0] * 3
+    assert sharing.share(2) == 1.0
+    assert sharing.parts(START_NS) == ([0.5] * 3, [1.0, 1.0, 0.5])
+
+
+def test_where_nothing_touches_all_are_alike() -> None:
+    sharing = seen(None, None)
+    assert sharing.parts(START_NS) == ([0.5] * 2, [0.5] * 2)
+
+
+def test_one_that_is_known_again_by_its_last_reading_counts_within_milliseconds() -> None:
+    sharing = seen(*[EVEN] * 8)
+    sharing.update(7, False, START_NS + 10_000_000)
+    assert sharing.refresh(START_NS + 11_000_000)
+    sharing.update(0, True, START_NS + 20_000_000)
+    assert not sharing.refresh(START_NS + 21_000_000)
+    assert sharing.refresh(START_NS + 25_000_000)
 
 
 def test_a_path_that_resists_a_tenth_less_is_taken_over_within_milliseconds() -> None:

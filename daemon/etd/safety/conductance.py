@@ -106,7 +106,7 @@ class Whole:
         end_v: float,
         spans: float,
         least_ohm: float,
-        resting_v: float = 0.0,
+        resting_v: float,
     ) -> None:
         self.current_ua: Final = current_ua
         self.early_v: Final = early_v

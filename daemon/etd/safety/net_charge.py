@@ -277,12 +277,11 @@ class NetCharge:
 
 def others_s(conducts_s: Sequence[float], beside_s: Sequence[float]) -> list[float]:
     """By electrode, what the others of its pulses conduct: each by `conducts_s` beside what
-    `beside_s` has, and none of them more than all together.
+    `beside_s` has, and the best of them no more than all together.
     """
-    whole_s = sum(beside_s)
-    second_s, best_s = sorted(conducts_s)[-2:] if len(conducts_s) > 1 else (0.0, conducts_s[0])
+    whole_s, best_s = sum(beside_s), max(conducts_s)
     return [
-        max(LEAST_S, whole_s - at_s, second_s if own_s == best_s else best_s)
+        max(LEAST_S, whole_s - at_s, best_s if own_s < best_s else 0.0)
         for own_s, at_s in zip(conducts_s, beside_s, strict=True)
     ]
 

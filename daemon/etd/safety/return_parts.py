@@ -23,8 +23,8 @@ from collections.abc import Callable, Sequence
 
 #: Of a root, by halves: nearer than any path is known.
 _HALVES = 20
-#: Of one by its slope, in steps; and up to where that is not too steep.
-_STEPS, _FLAT = 3, 0.24
+#: Of one by its slope, in steps; up to where that is not too steep; and what rounding leaves there.
+_STEPS, _FLAT, _ALMOST = 3, 0.24, 1e-9
 
 
 def likely_parts(through_s: Sequence[float]) -> list[float]:
@@ -43,10 +43,10 @@ def most_parts(least_s: Sequence[float], most_s: Sequence[float]) -> list[float]
     best = max(range(len(least_s)), key=least_s.__getitem__)
     part, scale = _most_part(least_s, best)
     # Of all parts together, by the scale: they rise faster than that, so that less is too much.
-    slope = sum([0.5 * s / math.sqrt(0.25 - scale * s) for s in least_s]) if part < 0.5 else 0.0
+    slope = sum([0.5 * s / _root_of(scale * s) for s in least_s]) if part < 0.5 else math.inf
     found = []
-    for one, (own_s, most_own_s) in enumerate(zip(least_s, most_s, strict=True)):
-        near = _near(own_s, most_own_s, scale, slope) if slope else None
+    for one, most_own_s in enumerate(most_s):
+        near = _near(least_s[one], most_own_s, scale, slope)
         if near is None:
             others_s = [*least_s[:one], most_own_s, *least_s[one + 1 :]]
             near = _most_part(others_s, one)[0]
@@ -56,18 +56,20 @@ def most_parts(least_s: Sequence[float], most_s: Sequence[float]) -> list[float]
 
 def _near(own_s: float, most_own_s: float, scale: float, slope: float) -> float | None:
     """Hardly more than the most that one may have, for as much as some steps of a root cost; None
-    where it may have nearly half of all.
+    where it, or another one, may have nearly half of all.
     """
+    if slope == math.inf:
+        return None
     if most_own_s <= 0.0:
         return 0.0
     now = min(scale, _FLAT / most_own_s)
-    for step in range(_STEPS):
+    for _ in range(_STEPS):
         below, above = _root_of(now * own_s), _root_of(now * most_own_s)
         # All parts together beyond 1, and how fast that rises, ever faster: no step goes too far.
         beyond = slope * (now - scale) + below - above
-        if step == 0 and beyond < 0.0:
+        if beyond < -_ALMOST:
             return None
-        now -= max(0.0, beyond) / (slope - 0.5 * own_s / below + 0.5 * most_own_s / above)
+        now -= beyond / (slope - 0.5 * own_s / below + 0.5 * most_own_s / above)
     return _lesser(now * most_own_s)
 
 

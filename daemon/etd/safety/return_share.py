@@ -251,39 +251,29 @@ class ReturnShare:
         than `weights`, which bound it. 0 where nothing touches. An unknown one conducts as well as
         the best; where few are known, all are alike.
         """
-        count = self._electrodes
-        read = {one: it for one in sorted(self._known) if (it := self._readings[one]) is not None}
-        if self._is_sparse or not read:
-            return [1.0 / count] * count, [1.0 / count] * count
-        likely, most = self._parts_of(list(read.values()))
-        best = max(likely)
-        likely_of, most_of = (
-            dict(zip(read, likely, strict=True)),
-            dict(zip(read, most, strict=True)),
-        )
-        unknown = {
-            one: best for one in range(count) if one not in read and not self._is_open(one, now_ns)
-        }
-        return (
-            [{**unknown, **likely_of}.get(one, 0.0) for one in range(count)],
-            [{**unknown, **most_of}.get(one, 0.0) for one in range(count)],
-        )
+        known = {one: it for one in sorted(self._known) if (it := self._readings[one])}
+        if self._is_sparse or not known:
+            even = [1.0 / self._electrodes] * self._electrodes
+            return even, even
+        found = self._parts_of(list(known.values()))
+        best = max(found[0])
+        each = [0.0 if self._is_open(one, now_ns) else best for one in range(self._electrodes)]
+        likely, most = each, list(each)
+        for place, one in enumerate(known):
+            likely[one], most[one] = found[0][place], found[1][place]
+        return likely, most
 
     def _parts_of(self, readings: Sequence[Reading]) -> tuple[list[float], list[float]]:
         """Of those that are known, in their order: the likely ones, and the most."""
         best_s = [_inverse(reading.least_ohm) for reading in readings]
-        between = [
-            _between(_inverse(it.most_ohm), own_s)
-            for it, own_s in zip(readings, best_s, strict=True)
-        ]
+        worst_s = [_inverse(reading.most_ohm) for reading in readings]
+        likely = likely_parts([_between(*both) for both in zip(worst_s, best_s, strict=True)])
         # The rise takes longer by the way back, which is that part of the path.
         paths_ohm = [
-            self._meter.most_ohm(reading, min(1.0, _WAY_BACK * part) * reading.most_ohm)
-            for reading, part in zip(readings, likely_parts(between), strict=True)
+            self._meter.most_ohm(reading, _WAY_BACK * part * reading.most_ohm)
+            for reading, part in zip(readings, likely, strict=True)
         ]
-        worst_s = [_inverse(ohm) for ohm in paths_ohm]
-        between = [_between(*both) for both in zip(worst_s, best_s, strict=True)]
-        return likely_parts(between), most_parts(worst_s, best_s)
+        return likely, most_parts([_inverse(ohm) for ohm in paths_ohm], best_s)
 
     # --- contact polls ---------------------------------------------------------------------------
 
