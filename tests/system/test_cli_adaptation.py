@@ -15,7 +15,7 @@ from etd.calibrate.adaptation import QUESTIONS, USE_LEVEL
 from etd.files import resources
 from etd.files.calibration import load_calibration, to_toml
 from etd.protocol.calibration import current_of_level
-from stored_calibrations import exported
+from stored_calibrations import exported, import_as
 from terminal_rig import AtTerminal
 
 pytestmark = pytest.mark.slow
@@ -85,8 +85,10 @@ class Wearer:
 def test_what_is_too_strong_in_use_takes_the_levels_down_for_good(rig: CommandRig) -> None:
     """And what was measured before is of levels that do not hold any more."""
     before = load_calibration(resources.find("calibrations", BASELINE))
+    asked = ("calibrate", "fake", "--adaptation", "--baseline", "A01", "--as", "A01", "--arm")
     with rig.daemon("--array", "pad-8"):
-        at = AtTerminal(rig, *IN_USE, "--arm", "--use-s", str(QUESTIONS))
+        import_as(rig, before, "A01")
+        at = AtTerminal(rig, *asked, "--use-s", str(QUESTIONS))
         try:
             wearer = Wearer(at)
             wearer.answer("How strong was all of it together?", *"fffffffff")
@@ -98,9 +100,7 @@ def test_what_is_too_strong_in_use_takes_the_levels_down_for_good(rig: CommandRi
         assert "it was too strong after 2 s of use, so nothing was measured" in said.err
         assert "all electrodes at once were too strong" in said.err
         assert "A01 is stored so" in said.err
-        exported = rig.folder / "A01.toml"
-        assert rig.run("calibration", "export", "A01", str(exported)).status == 0
-    after = load_calibration(exported)
+        after = exported(rig, "A01")
     assert after.adaptation is None
     for was, now in zip(before.electrode, after.electrode, strict=True):
         level_ua = current_of_level(was, USE_LEVEL, before.gamma)
@@ -207,6 +207,33 @@ def test_what_is_stored_under_that_name_is_taken_down_from_what_it_is_and_never_
     for was, now in zip(another_day.electrode, lowered.electrode, strict=True):
         assert now.cap_ua <= was.cap_ua
         assert now.comfortable_ua <= was.comfortable_ua
+
+
+def test_what_another_program_has_stored_meanwhile_is_left_as_it_is(rig: CommandRig) -> None:
+    """Nothing of it rises: neither where nothing was too strong, nor by the result."""
+    before = load_calibration(resources.find("calibrations", BASELINE))
+    corrected = replace(
+        before, electrode=tuple(replace(one, cap_ua=one.comfortable_ua) for one in before.electrode)
+    )
+    asked = ("calibrate", "fake", "--adaptation", "--baseline", "A07", "--as", "A07", "--arm")
+    with rig.daemon("--array", "pad-8"):
+        import_as(rig, before, "A07")
+        at = AtTerminal(rig, *asked, "--use-s", str(QUESTIONS))
+        try:
+            wearer = Wearer(at)
+            wearer.answer("How strong was all of it together?", *"fff")
+            import_as(rig, corrected, "A07")
+            wearer.answer("How strong was all of it together?", *"ffffff")
+            wearer.answer("Is it as strong as at first?", *("s" * QUESTIONS))
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert exported(rig, "A07") == corrected
+    assert said.status == 1, said.err
+    assert "another program has stored A07 since this command began" in said.err
+    (kept,) = rig.folder.glob("A07_*.toml")
+    assert f"it is in {kept.name}" in said.err
+    assert load_calibration(kept).adaptation is not None
 
 
 def test_a_name_under_which_caps_are_lower_is_no_place_for_the_baselines(rig: CommandRig) -> None:

@@ -31,8 +31,10 @@ _BETWEEN_S = 0.4
 
 
 Sensation: TypeAlias = tuple[Quality | None, Place | None]
-#: What was found, the lowered caps, and what a stop would be about.
-_Kept: TypeAlias = tuple[dict[int, ElectrodeLimits], dict[int, int], InDoubt | None]
+#: What was found, the lowered caps, those of all at once, and what a stop would be about.
+_Kept: TypeAlias = tuple[
+    dict[int, ElectrodeLimits], dict[int, int], dict[int, tuple[int, int]], InDoubt | None
+]
 
 
 class Presenter(Protocol):
@@ -179,7 +181,8 @@ class Asking:
         self._pause()
         currents_ua = self._progress.part_of_level_1(part)
         highest = max(currents_ua, key=currents_ua.__getitem__)
-        doubt = InDoubt(electrode=highest, times=RISE / part)
+        left_ua = self._progress.left_by(RISE / part)
+        doubt = InDoubt(electrode=highest, times=RISE / part, together_ua=left_ua)
         with self._doubting.presented(doubt):
             delivered = self._presenter.present_whole(currents_ua)
         self._progress.presentations += 1
@@ -193,10 +196,10 @@ class Asking:
             rate_hz=delivered.rate_hz,
         )
         self._on_presented(presented)
-        return self._strength_of(presented, lambda: self._take_down(RISE / part), "whole")
+        return self._strength_of(presented, lambda: self._take_down(left_ua), "whole")
 
-    def _take_down(self, times: float) -> None:
-        self._progress.take_down(times)
+    def _take_down(self, left_ua: Mapping[int, tuple[int, int]]) -> None:
+        self._progress.take_down_to(left_ua)
         self._kept_too_strong()
 
     def compared(
@@ -283,13 +286,16 @@ class Asking:
 
     def _kept(self) -> _Kept:
         progress = self._progress
-        return dict(progress.found), dict(progress.lowered_ua), self._doubting.last
+        found, lowered_ua = dict(progress.found), dict(progress.lowered_ua)
+        return found, lowered_ua, dict(progress.together_ua), self._doubting.last
 
     def _take_back(self, before: _Kept) -> None:
         """What was answered is no doubt, but a stop may be about it still."""
-        found, lowered_ua, self._doubting.last = before
-        self._progress.found, self._progress.lowered_ua = dict(found), dict(lowered_ua)
-        self._on_progress(self._progress)
+        found, lowered_ua, together_ua, self._doubting.last = before
+        progress = self._progress
+        progress.found, progress.lowered_ua = dict(found), dict(lowered_ua)
+        progress.together_ua = dict(together_ua)
+        self._on_progress(progress)
 
     def _lower(self, left_ua: dict[int, int]) -> None:
         for electrode, one_ua in left_ua.items():
@@ -319,7 +325,7 @@ class Asking:
         self._progress.in_doubt = None
         left_ua = doubt.left_by(answer)
         if doubt.times is not None and answer == "too_strong":
-            self._take_down(doubt.times)
+            self._take_down(doubt.together_ua or self._progress.left_by(doubt.times))
         self._lower(left_ua)
         if doubt.reference is not None and doubt.reference in left_ua:
             raise too_strong_reference(doubt.reference)

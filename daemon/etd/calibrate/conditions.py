@@ -32,6 +32,10 @@ _SAME_AS_BASELINE = (
 )  # fmt: skip
 
 
+#: Who or what differs in one of these uses another calibration.
+_OF_ONE_USE = ("participant", "body_site", "array", "polarity", "width_us")
+
+
 class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """All that a threshold depends on. `cap_ua` is the highest current that is presented."""
 
@@ -66,6 +70,15 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     @property
     def presentation_s(self) -> float:
         return self.pulses / self.rate_hz
+
+
+def other_use(one: Conditions | Calibration, other: Conditions | Calibration) -> str | None:
+    """In what they are not of the same person, array and pulses; None: they are."""
+    for key in _OF_ONE_USE:
+        was, now = getattr(one, key), getattr(other, key)
+        if was != now:
+            return f"its {key} is {was}, not {now}"
+    return None
 
 
 def check_conditions(conditions: Conditions) -> Conditions:

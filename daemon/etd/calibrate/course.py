@@ -190,7 +190,7 @@ class Course:
             self._compare(electrode, track.result)
             return
         progress = self._progress
-        progress.found[electrode] = track.result
+        progress.keep(electrode, track.result)
         if track.result.felt:
             # All together were accepted without it.
             progress.is_whole_accepted = False

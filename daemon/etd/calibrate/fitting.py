@@ -152,10 +152,14 @@ class Fitting:
         """The calibration without what was too strong in any state: the caps of these electrodes
         are lower, and what was found of all levels together is of others.
         """
-        return lowered(baseline, self._left_ua())
+        return lowered(baseline, self.left_ua)
 
-    def _left_ua(self) -> dict[int, int]:
-        """By electrode, of all states and the standing one."""
+    @property
+    def left_ua(self) -> dict[int, tuple[int, int]]:
+        """By electrode, of all states and the standing one: of its level and of its cap."""
+        return {electrode: (ua, ua) for electrode, ua in self._lowered_ua().items()}
+
+    def _lowered_ua(self) -> dict[int, int]:
         progress = self._progress
         found = dict(progress.lowered_ua)
         for electrode, ua in progress.lowering_ua.items():
@@ -169,7 +173,7 @@ class Fitting:
 
     def _keep_lowered(self) -> None:
         """Also of a state that was interrupted."""
-        self._progress.lowered_ua = self._left_ua()
+        self._progress.lowered_ua = self._lowered_ua()
         self._progress.lowering_ua = {}
 
     @property

@@ -27,13 +27,15 @@ _ENDS: Final[tuple[ErrorCode, ...]] = ("halted", "no_lease", "other_lease", "eng
 
 class InDoubt(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`electrode`, with `reference` if it was compared. If that was too strong, `left_ua` is by
-    electrode the most that is left; where all came at once, all levels are taken down by `times`.
+    electrode the most that is left; where all came at once, all levels are taken down by `times`,
+    to `together_ua` (empty in a file of before that was kept).
     """
 
     electrode: Electrode
     reference: Electrode | None = None
     is_reference_last: bool = False
     left_ua: dict[int, Ua] = {}
+    together_ua: dict[int, tuple[Ua, Ua]] = {}
     times: Annotated[float, Meta(ge=1.0)] | None = None
 
     @property
@@ -57,7 +59,7 @@ class InDoubt(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     def electrodes(self) -> frozenset[int]:
         """All that it names."""
         others = () if self.reference is None else (self.reference,)
-        return frozenset((self.electrode, *others, *self.left_ua))
+        return frozenset((self.electrode, *others, *self.left_ua, *self.together_ua))
 
 
 def is_stop(error: BaseException) -> bool:

@@ -13,16 +13,18 @@ from etd.calibrate.progress import capped
 from etd.protocol.calibration import Calibration
 
 
-def lowered(made: Calibration, left_ua: Mapping[int, int]) -> Calibration:
-    """`left_ua`: by electrode, the most that was left of its current. Where that is less than its
-    cap, the cap is lower, and what was found of all levels together is of others.
+def lowered(made: Calibration, left_ua: Mapping[int, tuple[int, int]]) -> Calibration:
+    """`left_ua`: by electrode, the most that was left of its level and of its cap. No figure rises;
+    where one falls, what was found of all levels together is of others.
     """
-    lower_ua = {one: ua for one, ua in left_ua.items() if ua < made.electrode[one].cap_ua}
-    if not lower_ua:
-        return made
     each = list(made.electrode)
-    for electrode, ua in lower_ua.items():
-        each[electrode] = capped(each[electrode], ua, each[electrode].comfortable_ua)
+    for electrode, (level_ua, cap_ua) in left_ua.items():
+        if electrode < len(each):
+            was = each[electrode]
+            least_ua = min(was.cap_ua, cap_ua), min(was.comfortable_ua, level_ua)
+            each[electrode] = capped(was, *least_ua)
+    if tuple(each) == made.electrode:
+        return made
     return msgspec.structs.replace(
         made, electrode=tuple(each), is_whole_accepted=None, adaptation=None
     )

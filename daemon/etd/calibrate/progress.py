@@ -8,6 +8,7 @@ Must not know: procedures, daemons, terminals.
 from __future__ import annotations
 
 import datetime
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -39,18 +40,20 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     included: `catch_trials`, of which `false_alarms` were said to be felt.
 
     `lowered_ua`: by electrode, the cap after something was too strong there. It bounds all further
-    presentations and the finished calibration. `seed`: of the random order; None in a file of
-    before there was one, which continues in the array's order. `is_whole_accepted`: all electrodes
-    at once, at level 1, were presented with these figures and not too strong. `drift`,
-    `is_drift_least` and `skin_celsius`: as in the calibration. `in_doubt`: asked about before
-    anything else is presented. `made_on`: the board, whether it is a fake one, and of that the
-    finger, and the daemon; None in a file of before that was kept.
+    presentations and the finished calibration. `together_ua`: by electrode, what is left of level
+    and cap after all at once were too strong; it bounds what is found. `seed`: of the random order;
+    None in a file of before there was one, which continues in the array's order.
+    `is_whole_accepted`: all electrodes at once, at level 1, were presented with these figures and
+    not too strong. `drift`, `is_drift_least` and `skin_celsius`: as in the calibration. `in_doubt`:
+    asked about before anything else is presented. `made_on`: the board, whether it is a fake one,
+    and of that the finger, and the daemon; None in a file of before that was kept.
     """
 
     conditions: Conditions
     found: dict[int, ElectrodeLimits] = {}
     presentations: Annotated[int, Meta(ge=0)] = 0
     lowered_ua: dict[int, Ua] = {}
+    together_ua: dict[int, tuple[Ua, Ua]] = {}
     seed: Seed | None = None
     catch_trials: Annotated[int, Meta(ge=0)] = 0
     false_alarms: Annotated[int, Meta(ge=0)] = 0
@@ -82,6 +85,21 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         if electrode in self.found and self.found[electrode].cap_ua > left_ua:
             del self.found[electrode]
 
+    @property
+    def left_ua(self) -> dict[int, tuple[int, int]]:
+        """By electrode, the most that is left of its level and of its cap, where something was too
+        strong, alone or all at once.
+        """
+        left = dict(self.together_ua)
+        for electrode, one_ua in self.lowered_ua.items():
+            left[electrode] = _lesser(left.get(electrode), (one_ua, one_ua))
+        return left
+
+    def keep(self, electrode: int, limits: ElectrodeLimits) -> None:
+        """What was found there, and no more than all at once have left of it."""
+        left = self.together_ua.get(electrode)
+        self.found[electrode] = limits if left is None or not limits.felt else _within(limits, left)
+
     def leave_out(self, electrode: int) -> None:
         """Its result, if it has one, is not used; its cap stays: for what it carries back."""
         limits = self.found.pop(electrode, None)
@@ -107,14 +125,26 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         """In uA, by electrode."""
         return {one: max(1, int(current_ua * part)) for one, current_ua in self.level_1_ua.items()}
 
+    def left_by(self, times: float) -> dict[int, tuple[int, int]]:
+        """What is left of the levels and caps of all at once, if they were too strong so often."""
+        return {
+            electrode: (int(limits.comfortable_ua / times), int(limits.cap_ua / times))
+            for electrode, limits in self.found.items()
+            if limits.felt
+        }
+
     def take_down(self, times: float) -> None:
-        """All levels at once, and with them the caps: together they were too strong. Thresholds are
-        what was found. A level does not fall below one; where the cap does, the electrode is not
-        felt any more within what it may carry.
+        """All levels at once, and with them the caps: together they were too strong."""
+        self.take_down_to(self.left_by(times))
+
+    def take_down_to(self, left_ua: Mapping[int, tuple[int, int]]) -> None:
+        """Thresholds are what was found. A level does not fall below one; where the cap does, the
+        electrode is not felt any more within what it may carry.
         """
-        for electrode, limits in self.found.items():
-            if limits.felt:
-                self.found[electrode] = _taken_down(limits, times)
+        for electrode, left in left_ua.items():
+            self.together_ua[electrode] = _lesser(self.together_ua.get(electrode), left)
+            if electrode in self.found:
+                self.keep(electrode, self.found[electrode])
 
     @property
     def below_threshold(self) -> dict[int, ElectrodeLimits]:
@@ -126,13 +156,18 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         }
 
 
-def _taken_down(limits: ElectrodeLimits, times: float) -> ElectrodeLimits:
-    return capped(limits, int(limits.cap_ua / times), int(limits.comfortable_ua / times))
+def _lesser(one: tuple[int, int] | None, other: tuple[int, int]) -> tuple[int, int]:
+    return other if one is None else (min(one[0], other[0]), min(one[1], other[1]))
+
+
+def _within(limits: ElectrodeLimits, left: tuple[int, int]) -> ElectrodeLimits:
+    level_ua, cap_ua = _lesser((limits.comfortable_ua, limits.cap_ua), left)
+    return capped(limits, cap_ua, level_ua)
 
 
 def capped(limits: ElectrodeLimits, cap_ua: int, comfortable_ua: int) -> ElectrodeLimits:
-    """A felt electrode with a lower cap: its level is no more than these, and not below its
-    threshold. Where the cap is, it is not felt any more within what it may carry.
+    """An electrode with a lower cap: its level is no more than these, and not below its threshold.
+    Where the cap is, it is not felt any more within what it may carry.
     """
     if cap_ua >= limits.threshold_ua:
         comfortable_ua = max(limits.threshold_ua, min(comfortable_ua, cap_ua))
@@ -143,7 +178,7 @@ def capped(limits: ElectrodeLimits, cap_ua: int, comfortable_ua: int) -> Electro
         comfortable_ua=cap_ua,
         cap_ua=cap_ua,
         felt=False,
-        felt_from_ua=limits.threshold_ua,
+        felt_from_ua=limits.threshold_ua if limits.felt else limits.felt_from_ua,
         quality=None,
         place=None,
     )
@@ -211,8 +246,9 @@ def load_progress(
             _check_electrode(str(path), "in_doubt", progress.conditions, electrode)
     for electrode, limits in progress.found.items():
         _check_found(str(path), progress, electrode, limits)
-    for electrode in progress.lowered_ua:
-        _check_electrode(str(path), "lowered_ua", conditions, electrode)
+    for key in ("lowered_ua", "together_ua"):
+        for electrode in getattr(progress, key):
+            _check_electrode(str(path), key, conditions, electrode)
     return progress
 
 

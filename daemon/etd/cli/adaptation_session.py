@@ -32,12 +32,11 @@ from etd.calibrate.conditions import check_baseline, check_conditions, check_dat
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
-from etd.calibrate.progress import capped
 from etd.calibrate.trial import TooStrongSaid
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_result import kept_lower, marked, store, stored_of_same, tell_trials
+from etd.cli.calibrate_result import kept_lower, store, stored_lowered, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
 from etd.cli.calibrate_stage import stimulator_on
@@ -81,9 +80,9 @@ class AdaptationSession:
         self._conditions = conditions
         self._whole = before_use(conditions, self._baseline)
         self._before = dict(self._whole.found)
-        self._stored = dict(self._whole.found)
-        self._in_use = stored_of_same(display, which, self._baseline)
-        if self._in_use is not None and kept_lower(self._baseline, self._in_use) != self._baseline:
+        self._in_use = stored_lowered(args, display, which, conditions)
+        stored = self._in_use[which]
+        if stored is not None and kept_lower(self._baseline, stored) != self._baseline:
             raise FileError(
                 "the baseline",
                 "electrode",
@@ -182,15 +181,16 @@ class AdaptationSession:
     def _use(self, presenter: Presenter, answerer: Answerer) -> None:
         self._say(f"in use, for {self._args.use_s:g} s: remember how strong it is now")
         gamma = self._baseline.gamma
-        accepted = dict(self._whole.found), self._whole.is_whole_accepted
+        whole = self._whole
+        accepted = dict(whole.found), dict(whole.together_ua), whole.is_whole_accepted
 
         def take_down() -> None:
-            take_down_from_use(self._whole, gamma)
+            take_down_from_use(whole, gamma)
             self._store_taken_down()
 
         def give_back() -> None:
-            found, self._whole.is_whole_accepted = accepted
-            self._whole.found = dict(found)
+            found, together_ua, whole.is_whole_accepted = accepted
+            whole.found, whole.together_ua = dict(found), dict(together_ua)
             self._store_taken_down()
 
         self._answers = in_use(
@@ -218,7 +218,7 @@ class AdaptationSession:
         today = wall_time().date()
         found = adaptation_of(self._answers, self._args.use_s, today)
         made = self._made(found)
-        store(self._args, self._display, self._which, made)
+        store(self._args, self._display, self._which, made, self._in_use)
         self._tell_taken_down(f"{self._which} is stored so")
         why_not = found.why_not_in(made.date, today)
         if self._args.json:
@@ -237,7 +237,7 @@ class AdaptationSession:
         tell_trials(self._args, self.trials)
         return 0
 
-    def _made(self, found: MeasuredAdaptation | None) -> Calibration:
+    def _made(self, found: MeasuredAdaptation) -> Calibration:
         """The levels are those that were accepted now."""
         return msgspec.structs.replace(
             self._baseline,
@@ -248,38 +248,10 @@ class AdaptationSession:
 
     def _store_taken_down(self) -> None:
         """At once, before anything else is presented: what was too strong must not come again,
-        whatever becomes of this process, and what was measured before is of other levels. Where
-        nothing was taken down the calibration stays as it is. Raises: Refused.
+        whatever becomes of this process, and what was measured before is of other levels. Raises:
+        Refused.
         """
-        if self._whole.found == self._stored:
-            return
-        if self._whole.found != self._before:
-            made = self._taken_down()
-        else:
-            # A key that slipped: as it was.
-            made = self._baseline if self._in_use is None else self._in_use
-        self._display.set_calibration(self._which, marked(self._display, made))
-        self._stored = dict(self._whole.found)
-
-    def _taken_down(self) -> Calibration:
-        """What is in use under that name, without what was too strong: nothing of it rises."""
-        made = self._made(None)
-        if self._in_use is None:
-            return made
-        both = zip(self._in_use.electrode, made.electrode, strict=True)
-        each = tuple(
-            capped(
-                stored,
-                min(stored.cap_ua, new.cap_ua),
-                min(stored.comfortable_ua, new.comfortable_ua),
-            )
-            if stored.felt
-            else stored
-            for stored, new in both
-        )
-        return msgspec.structs.replace(
-            self._in_use, electrode=each, is_whole_accepted=None, adaptation=None
-        )
+        self._in_use.lower(self._whole.left_ua)
 
     def _store_in_the_end(self) -> None:
         """However it ends. Nothing is presented any more."""
@@ -287,11 +259,12 @@ class AdaptationSession:
             self._store_taken_down()
         except EtdError as error:
             self._tell_taken_down(
-                f"{self._which} is NOT stored so ({error}): do not use it before you have lowered"
-                " it by hand, or calibrated again"
+                f"{' and '.join(self._in_use.names)} is NOT stored so ({error}): do not use it"
+                " before you have lowered it by hand, or calibrated again"
             )
         else:
-            self._tell_taken_down(f"{self._which} is stored so")
+            names = " and ".join(self._in_use.lower_names) or "nothing"
+            self._tell_taken_down(f"{names} is stored so")
 
     def _tell_taken_down(self, what_is_stored: str) -> None:
         said = said_of_whole(self._before, self._whole)

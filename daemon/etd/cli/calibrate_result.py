@@ -12,12 +12,16 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from etd.calibrate.conditions import Conditions
 from etd.calibrate.trial import Stopped
 from etd.cli.arming import safe_again
+from etd.cli.stored_lowered import StoredLowered
 from etd.client import Display
 from etd.files.atomic_file import write_atomically
 from etd.files.calibration import to_toml
 from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.errors import Refused
+from etd_hal.compose import wall_time
 
 
 def store(
@@ -25,36 +29,44 @@ def store(
     display: Display,
     which: str,
     made: Calibration,
+    stored: StoredLowered,
     progress: Path | None = None,
 ) -> None:
-    """As `which` in the daemon, and in `--out`; the saved progress, if any, is over. Raises:
-    Refused.
+    """As `which` in the daemon, and in `--out`; the saved progress, if any, is over. What another
+    program has stored meanwhile stays, and the result is in a file. Raises: Refused, OSError.
     """
     safe_again(display)
     made = marked(display, made)
-    display.set_calibration(which, made)
-    if args.out is not None:
-        write_atomically(args.out, to_toml(made).encode(), mode=0o640)
+    changed, file = stored.changed, args.out
+    if changed and file is None:
+        file = Path(f"{which}_{wall_time():%Y%m%d-%H%M%S}.toml")
+    if not changed:
+        display.set_calibration(which, made)
+    if file is not None:
+        write_atomically(file, to_toml(made).encode(), mode=0o640)
     if progress is not None:
         progress.unlink(missing_ok=True)
+    if changed:
+        raise Refused(
+            "bad_calibration",
+            f"another program has stored {' and '.join(changed)} since this command began, so the"
+            f" result is not stored over that: it is in {file}. Compare them; `etd calibration"
+            f" import {file} --as {which}` stores the result",
+        )
+
+
+def stored_lowered(
+    args: argparse.Namespace, display: Display, which: str, made: Conditions
+) -> StoredLowered:
+    """What the command stands on, and what its result is to replace. Raises: Refused."""
+    names = (args.baseline, which)
+    return StoredLowered(display, names, made, lambda one: marked(display, one))
 
 
 def marked(display: Display, made: Calibration) -> Calibration:
     """What is stored: of a fake board, that it is modelled."""
     is_fake = display.facts.board.backend == "fake"
     return replace(made, modelled=True) if is_fake else made
-
-
-def stored_of_same(display: Display, which: str, made: Calibration) -> Calibration | None:
-    """What is stored as `which` of the same person and pulses: what they may be using. Raises:
-    Refused.
-    """
-    if which not in display.calibrations():
-        return None
-    stored = display.calibration(which)
-    fields = ("participant", "body_site", "array", "polarity", "width_us")
-    same = all(getattr(stored, field) == getattr(made, field) for field in fields)
-    return stored if same else None
 
 
 def kept_lower(made: Calibration, stored: Calibration) -> Calibration:

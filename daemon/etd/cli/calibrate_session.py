@@ -22,7 +22,6 @@ from etd.calibrate.conditions import (
     check_baseline,
     check_conditions,
     check_laws,
-    identity,
 )
 from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
@@ -39,13 +38,18 @@ from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import COMMAND_LINE, requested_conditions
 from etd.cli.calibrate_kept import made_on, name_of_daemon
-from etd.cli.calibrate_result import marked, same_command, store, tell_trials
+from etd.cli.calibrate_result import (
+    marked,
+    same_command,
+    store,
+    stored_lowered,
+    tell_trials,
+)
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_stage import stimulator_on
 from etd.cli.calibrate_watch import Watch
 from etd.cli.doubts import doubts_of, drift_in_words
 from etd.cli.keys import keyboard
-from etd.cli.stored_lowered import StoredLowered
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
@@ -76,11 +80,7 @@ class CalibrateSession:
         check_laws(conditions, display.facts.stabilizers, has_baseline=has_baseline)
         if self._baseline is not None:
             check_baseline(conditions, self._baseline)
-        #: With equalize: what the person may be using, of which levels are presented again.
-        self._in_use: StoredLowered | None = None
-        if self._baseline is not None and conditions.method == "equalize":
-            names = dict.fromkeys((args.baseline, which))
-            self._in_use = StoredLowered(display, names, self._baseline)
+        self._in_use = stored_lowered(args, display, which, conditions)
         self._progress = self._begun(conditions)
         for electrode in args.leave_out:
             self._progress.leave_out(electrode)
@@ -113,10 +113,9 @@ class CalibrateSession:
         body = ModelledBody()
         with ExitStack() as stack:
             stack.callback(self._trials.close)
-            if self._in_use is not None:
-                stack.callback(self._in_use.tell)
-                # A run before this one may have ended, or been refused, before it was stored.
-                self._store_lowered(self._in_use)
+            stack.callback(self._in_use.tell)
+            # A run before this one may have ended, or been refused, before it was stored.
+            self._store_lowered()
             answerer: Answerer
             if self._is_simulated:
                 answerer = SimulatedPerson(body.sense, self._progress.seed or 0)
@@ -194,7 +193,7 @@ class CalibrateSession:
         made = marked(
             self._display, finished(self._progress, _today(), f"etd {__version__}", gamma)
         )
-        store(self._args, self._display, self._which, made, self._file)
+        store(self._args, self._display, self._which, made, self._in_use, self._file)
         self._answer(made)
         return 0
 
@@ -252,17 +251,17 @@ class CalibrateSession:
     def _save(self, progress: Progress) -> None:
         """Raises: FileError, Refused."""
         save_progress(self._file, progress)
-        if self._in_use is not None:
-            self._store_lowered(self._in_use)
+        self._store_lowered()
 
-    def _store_lowered(self, in_use: StoredLowered) -> None:
+    def _store_lowered(self) -> None:
         """What was too strong is taken from what the person may be using. What is saved is of the
         baseline as it is now, so that the same command continues. Raises: FileError, Refused.
         """
         progress = self._progress
-        in_use.lower(progress.lowered_ua)
-        known = identity(self._args.baseline, in_use[self._args.baseline])
-        if known != progress.conditions.baseline:
+        self._in_use.lower(progress.left_ua)
+        was = progress.conditions.baseline
+        known = self._in_use.identity_of(self._args.baseline, was)
+        if known != was:
             progress.conditions = msgspec.structs.replace(progress.conditions, baseline=known)
             save_progress(self._file, progress)
 

@@ -21,7 +21,6 @@ from etd.calibrate.conditions import (
     check_conditions,
     check_date,
     check_laws,
-    identity,
 )
 from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
@@ -42,10 +41,9 @@ from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_kept import made_on, name_of_daemon
 from etd.cli.calibrate_result import (
     kept_lower,
-    marked,
     same_command,
     store,
-    stored_of_same,
+    stored_lowered,
     tell_trials,
 )
 from etd.cli.calibrate_screen import Screen
@@ -55,7 +53,6 @@ from etd.cli.calibration_shown import k_in_words
 from etd.cli.false_alarms import said_of_false_alarms_of_fit
 from etd.cli.fit_wearer import PersonAtKeys, SimulatedWearer, Wearer
 from etd.cli.keys import keyboard
-from etd.cli.stored_lowered import tell_lowered
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
@@ -85,7 +82,7 @@ class FitSession:
         check_laws(conditions, display.facts.stabilizers, has_baseline=True)
         check_baseline(conditions, self._baseline, otherwise(_OPTION))
         check_date(self._baseline, wall_time().date())
-        self._stored = self._in_use = self._calibration_in_use()
+        self._in_use = stored_lowered(args, display, which, conditions)
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
@@ -109,7 +106,7 @@ class FitSession:
             return
         with ExitStack() as stack:
             stack.callback(self._trials.close)
-            stack.callback(self._tell_lowered)
+            stack.callback(self._in_use.tell)
             # A run before this one may have ended, or been refused, before it was stored.
             self._store_lowered()
             wearer = self._armed_wearer(stack)
@@ -174,10 +171,11 @@ class FitSession:
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
             tell_trials(self._args, self.trials)
             return 1
-        made = msgspec.structs.replace(
-            kept_lower(self._fitting.lowered(self._baseline), self._stored), exponent=found
-        )
-        store(self._args, self._display, self._which, made, self._file)
+        made = self._fitting.lowered(self._baseline)
+        if (stored := self._in_use[self._which]) is not None:
+            made = kept_lower(made, stored)
+        made = msgspec.structs.replace(made, exponent=found)
+        store(self._args, self._display, self._which, made, self._in_use, self._file)
         self._answer(found, made)
         return 0
 
@@ -262,31 +260,16 @@ class FitSession:
         self._store_lowered()
 
     def _store_lowered(self) -> None:
-        """Raises: FileError, Refused."""
-        made = self._fitting.lowered(self._in_use)
-        if made != self._stored:
-            stored = marked(self._display, made)
-            self._display.set_calibration(self._which, stored)
-            self._stored = made
-            self._go_on_from(stored)
-
-    def _calibration_in_use(self) -> Calibration:
-        """What is stored by the name that the result gets, with a k of its own, is what the person
-        may be using: what is too strong is taken from it. Where there is none for this person and
-        these pulses, the baseline is stored under that name. Raises: Refused.
+        """What is saved is of the baseline as it is now, so that the same command continues.
+        Raises: FileError, Refused.
         """
-        return stored_of_same(self._display, self._which, self._baseline) or self._baseline
-
-    def _go_on_from(self, made: Calibration) -> None:
-        """What is saved is of the calibration as it is now, so that the same command continues."""
-        if self._which == self._args.baseline:
-            known = identity(self._which, made)
-            conditions = msgspec.structs.replace(self._progress.conditions, baseline=known)
-            self._progress.conditions = conditions
-            save_progress(self._file, self._progress)
-
-    def _tell_lowered(self) -> None:
-        tell_lowered(self._which, self._in_use, self._stored)
+        progress = self._progress
+        self._in_use.lower(self._fitting.left_ua)
+        was = progress.conditions.baseline
+        known = self._in_use.identity_of(self._args.baseline, was)
+        if known != was:
+            progress.conditions = msgspec.structs.replace(progress.conditions, baseline=known)
+            save_progress(self._file, progress)
 
     def _screen_of(self, of_state: Progress) -> Screen:
         return Screen(
