@@ -156,16 +156,35 @@ def test_what_was_too_strong_is_kept_though_the_command_is_killed(rig: CommandRi
     assert "currents that were too strong are not repeated: electrodes 0" in said.err
     assert "what was too strong is saved; it was stopped at a presentation: the same" in said.err
 
-    at = AtTerminal(rig, *ARGUMENTS, "--restart")
+    (kept,) = rig.folder.glob("state/etd/fake/calibrating/*.json")
+    before = json.loads(kept.read_text())
+    # A lower limit may be the answer to it.
+    lower = ("--max-current-ua", "1500")
+    for how in (lower, ("--restart",), ("--restart", *lower)):
+        at = AtTerminal(rig, *ARGUMENTS, *how)
+        try:
+            at.command.line_with("It was stopped at or after this one, the last time", "stdout")
+            at.press(b"q")
+            paused = at.command.ended()
+        finally:
+            at.close()
+        assert ("kept of the saved progress: what was too" in paused.err) == ("--restart" in how)
+        after = json.loads(kept.read_text())
+        assert (after["lowered_ua"], after["in_doubt"]) == (
+            before["lowered_ua"],
+            before["in_doubt"],
+        )
+
+    at = AtTerminal(rig, *ARGUMENTS, "--restart", "--forget-too-strong")
     try:
         at.answer("q")
         anew = at.command.ended()
     finally:
         at.close()
-    assert "are not repeated" not in anew.err
     assert "paused; no electrode has a result yet: the same command starts again" in anew.err
-    (kept,) = rig.folder.glob("state/etd/fake/calibrating/*.json")
     assert not json.loads(kept.read_text()).get("lowered_ua"), "it is forgotten"
+    alone = rig.run(*ARGUMENTS, "--forget-too-strong")
+    assert "--forget-too-strong goes with --restart" in alone.err
 
 
 def test_what_goes_on_with_it_is_the_command_without_restart(rig: CommandRig) -> None:

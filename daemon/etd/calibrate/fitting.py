@@ -298,6 +298,10 @@ def load_fit(path: Path, asked_for: FitProgress, named: Collection[str] = ()) ->
         raise FileError(str(path), "", why, "check its permissions") from error
     except msgspec.DecodeError as error:
         raise FileError(str(path), "", f"it is no saved fit ({error})", again) from error
+    if asked_for.conditions.cap_ua < saved.conditions.cap_ua:
+        # A lower limit: each step of what is asked is answered anyway.
+        limit_ua = asked_for.conditions.cap_ua
+        saved.conditions = msgspec.structs.replace(saved.conditions, cap_ua=limit_ua)
     for key in ("conditions", "board", "leak_ohm", *named):
         if getattr(saved, key) != getattr(asked_for, key):
             raise FileError(str(path), key, "it was begun with others", again)
@@ -308,7 +312,7 @@ def load_fit(path: Path, asked_for: FitProgress, named: Collection[str] = ()) ->
     ):
         raise FileError(str(path), "asked", "it has what was not asked", again)
     doubted = saved.in_doubt.electrodes if saved.in_doubt is not None else frozenset[int]()
-    if not doubted <= set(saved.electrodes):
+    if not doubted <= set(range(saved.conditions.electrodes)):
         raise FileError(str(path), "in_doubt", "it names what was not asked", again)
     if saved.false_alarms > saved.catch_trials:
         why = f"{saved.false_alarms} of {saved.catch_trials} silent trials cannot be"

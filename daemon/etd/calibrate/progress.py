@@ -100,6 +100,16 @@ class Progress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
         left = self.together_ua.get(electrode)
         self.found[electrode] = limits if left is None or not limits.felt else _within(limits, left)
 
+    def hold_within(self, conditions: Conditions) -> None:
+        """Of a lower limit than before, which also holds for what was found already."""
+        self.conditions = conditions
+        for electrode, limits in self.found.items():
+            if limits.cap_ua > conditions.presented_ua:
+                self.found[electrode] = capped(
+                    limits, conditions.presented_ua, limits.comfortable_ua
+                )
+                self.is_whole_accepted = False
+
     def leave_out(self, electrode: int) -> None:
         """Its result, if it has one, is not used; its cap stays: for what it carries back."""
         limits = self.found.pop(electrode, None)
@@ -232,12 +242,13 @@ def load_progress(
         ) from error
     for key in Conditions.__struct_fields__:
         was, now = getattr(progress.conditions, key), getattr(conditions, key)
-        if was != now:
+        is_lower_limit = key == "cap_ua" and now < was
+        if was != now and not is_lower_limit:
             raise FileError(
                 str(path),
                 f"conditions.{key}",
                 f"the saved progress has {was}, this calibration {now}",
-                "use the same conditions, or start again with --restart",
+                "use the same conditions, or a lower limit, or start again with --restart",
             )
     check_made_on(path, progress.made_on, made_on)
     _check_order(str(path), progress, seed)
@@ -249,6 +260,7 @@ def load_progress(
     for key in ("lowered_ua", "together_ua"):
         for electrode in getattr(progress, key):
             _check_electrode(str(path), key, conditions, electrode)
+    progress.hold_within(conditions)
     return progress
 
 
@@ -321,7 +333,8 @@ def _unfelt(progress: Progress) -> tuple[str, str]:
         return (
             "something was too strong down to below what is felt on each electrode, alone or all"
             " together",
-            "rest the skin, and calibrate anew with --restart, or fewer electrodes (--leave-out)",
+            "rest the skin, and calibrate anew with --restart --forget-too-strong, or fewer"
+            " electrodes (--leave-out)",
         )
     return "nothing was felt anywhere", "check contact and cap"
 

@@ -1,7 +1,7 @@
 """`etd calibrate`: a person's thresholds, comfortable levels and caps, electrode by electrode.
 
-Owns: the options, which of them exclude each other, and the daemon and limit to use. Must not know:
-the course of a calibration (calibrate_session), procedures, keys.
+Owns: the options, and the daemon and limit to use. Must not know: which of them exclude each other
+(calibrate_combinations), the course of a calibration (calibrate_session), procedures, keys.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from etd.calibrate.trial import Stopped
 from etd.cli import options
 from etd.cli.adaptation_session import AdaptationSession
 from etd.cli.borrowed import array_of, calibration_of, lend
-from etd.cli.calibrate_added import added_by, calibrated_first, name_baseline
+from etd.cli.calibrate_added import added_by, calibrated_first
+from etd.cli.calibrate_combinations import check_combinations
 from etd.cli.calibrate_conditions import COMMAND_LINE
 from etd.cli.calibrate_kept import alone
 from etd.cli.calibrate_result import tell_trials, until_cleared
@@ -81,8 +82,8 @@ Electrodes come in random order, and one trial in eight is silent; how many of
 those were felt is kept. Each presentation is at most 10 % above the strongest
 accepted before, and never above --max-current-ua. SPACE stops at once (also
 Esc and Ctrl-C). Results are saved, also what was too strong; the same command
-(without --restart) continues from there. Every trial is kept in a table, which
-is named at the end. Levels hold at every rate up to that of the calibration:
+(without --restart) continues from there, with a lower limit too. Every trial is
+kept in a table, which is named at the end. Levels hold at every rate up to that of the calibration:
 calibrate at the highest rate of the study.
 docs/calibration.md describes each method, and how long it takes.
 
@@ -157,7 +158,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--restart",
         action="store_true",
-        help="discard the saved progress, also what was too strong, and start again",
+        help="discard the saved progress, but not what was too strong, and start again",
+    )
+    parser.add_argument(
+        "--forget-too-strong",
+        action="store_true",
+        help="with --restart: discard that too, and what it was stopped at; it may come again",
     )
     add_replace(parser)
     parser.add_argument("--arm", action="store_true", help="arm the board; needs operate rights")
@@ -226,7 +232,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Raises: Refused, FileError, HardwareMissing, DaemonGone, PartEnded, PythonTooOld (a fake)."""
-    _check_combinations(args)
+    check_combinations(args)
     with options.wrong_use(args):
         check_new_file(args.out)
         check_new_file(args.trials)
@@ -278,67 +284,6 @@ def _alone(args: argparse.Namespace, which: str) -> Iterator[None]:
         with options.wrong_use(args):
             stack.enter_context(alone(args, which))
         yield
-
-
-def _check_combinations(args: argparse.Namespace) -> None:
-    if args.fit and args.adaptation:
-        args.misused("--fit and --adaptation are measured one after the other: one of the two")
-    if args.fit:
-        _check_fit(args)
-    elif args.electrodes:
-        args.misused("--electrodes goes with --fit: --leave-out omits electrodes")
-    if args.adaptation:
-        _check_adaptation(args)
-    elif args.use_s is not None:
-        args.misused("--use-s goes with --adaptation")
-    if args.reference is not None and args.method != "equalize":
-        args.misused("--reference goes with --method equalize")
-    if args.method == "equalize":
-        if args.baseline is None:
-            args.misused("--method equalize needs --baseline: it uses its thresholds and caps")
-        if args.max_current_ua is not None:
-            args.misused("--method equalize uses the caps of --baseline: omit --max-current-ua")
-    elif args.max_current_ua is None and not args.adaptation:
-        args.misused("--max-current-ua is required: without a limit nothing is stimulated")
-    if args.board is not None and args.host is not None:
-        args.misused("--board fake is calibrated here, --host is another computer: one of the two")
-    if args.board is not None and args.folder is not None:
-        args.misused(
-            "--board fake has a daemon of its own, --folder is a running one: one of the two"
-        )
-    fakes = args.array, args.timeout_factor, args.finger, args.answers == "simulated"
-    if args.board is None and any(fakes):
-        args.misused(
-            "--array, --finger, --timeout-factor and --answers simulated go with --board fake"
-        )
-
-
-def _check_fit(args: argparse.Namespace) -> None:
-    """It asks for the thresholds of one calibration again, which it adds k to."""
-    if args.leave_out or args.reference is not None:
-        args.misused(
-            "--fit asks a few electrodes: omit --leave-out and --reference, and name them"
-            " with --electrodes"
-        )
-    if args.method == "equalize":
-        args.misused("--fit asks for thresholds: choose another --method")
-    name_baseline(args, "--fit")
-
-
-def _check_adaptation(args: argparse.Namespace) -> None:
-    """It shows what a calibration has, and asks for no threshold."""
-    if args.leave_out or args.reference is not None or args.method != "staircase":
-        args.misused(
-            "--adaptation shows all electrodes, and asks for no threshold: omit --leave-out,"
-            " --reference and --method"
-        )
-    if args.max_current_ua is not None:
-        args.misused("--adaptation uses the caps of the calibration: omit --max-current-ua")
-    if args.restart:
-        args.misused("--adaptation keeps nothing on the way, and begins anew: omit --restart")
-    if args.use_s is None:
-        args.use_s = USE_S
-    name_baseline(args, "--adaptation")
 
 
 def _address(args: argparse.Namespace) -> contextlib.AbstractContextManager[str | None]:

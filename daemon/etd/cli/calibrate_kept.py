@@ -8,10 +8,13 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from etd.calibrate.begun_anew import Kept, kept_anew
+from etd.calibrate.conditions import Conditions
 from etd.calibrate.progress import check_progress_folder
 from etd.client import Display
 from etd.files.paths import calibrating_file
@@ -37,6 +40,18 @@ def made_on(args: argparse.Namespace, display: Display) -> str:
     if finger is not None:
         named = f"{named}, finger {finger.kind}:{finger.seed}"
     return named if args.board is not None else f"{named}, daemon {display.place}"
+
+
+def kept_of_restart(args: argparse.Namespace, file: Path, conditions: Conditions) -> Kept:
+    """What was too strong outlives `--restart`, unless it is to be forgotten by name; one sentence
+    says so.
+    """
+    if args.forget_too_strong:
+        return Kept({}, {}, None, "")
+    kept = kept_anew(file, conditions)
+    if kept.said:
+        print(kept.said, file=sys.stderr, flush=True)
+    return kept
 
 
 @contextmanager

@@ -37,7 +37,7 @@ from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import COMMAND_LINE, requested_conditions
-from etd.cli.calibrate_kept import made_on, name_of_daemon
+from etd.cli.calibrate_kept import kept_of_restart, made_on, name_of_daemon
 from etd.cli.calibrate_result import (
     marked,
     same_command,
@@ -114,8 +114,6 @@ class CalibrateSession:
         with ExitStack() as stack:
             stack.callback(self._trials.close)
             stack.callback(self._in_use.tell)
-            # A run before this one may have ended, or been refused, before it was stored.
-            self._store_lowered()
             answerer: Answerer
             if self._is_simulated:
                 answerer = SimulatedPerson(body.sense, self._progress.seed or 0)
@@ -125,7 +123,9 @@ class CalibrateSession:
                 at_once = self._args.board is not None or self._args.arm
                 armed_for(self._display, answerer, at_once=at_once)
             if self._args.restart:
-                self._file.unlink(missing_ok=True)
+                save_progress(self._file, self._progress)
+            # A run before this one may have ended, or been refused, before it was stored.
+            self._store_lowered()
             stimulator = stack.enter_context(
                 stimulator_on(
                     self._display, self._progress.conditions, answerer.wants_stop, body.hear
@@ -237,7 +237,10 @@ class CalibrateSession:
         seed, here = self._args.seed, made_on(self._args, self._display)
         if self._args.restart or not self._file.exists():
             seed = self._new_seed() if seed is None else seed
-            return Progress(conditions=conditions, seed=seed, made_on=here)
+            begun = Progress(conditions=conditions, seed=seed, made_on=here)
+            kept = kept_of_restart(self._args, self._file, conditions)
+            begun.lowered_ua, begun.together_ua, begun.in_doubt, _ = kept
+            return begun
         progress = load_progress(self._file, conditions, seed, here)
         print(f"continuing: electrodes done so far: {len(progress.found)}", file=sys.stderr)
         if progress.troubled:

@@ -38,7 +38,7 @@ from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
-from etd.cli.calibrate_kept import made_on, name_of_daemon
+from etd.cli.calibrate_kept import kept_of_restart, made_on, name_of_daemon
 from etd.cli.calibrate_result import (
     kept_lower,
     same_command,
@@ -107,11 +107,11 @@ class FitSession:
         with ExitStack() as stack:
             stack.callback(self._trials.close)
             stack.callback(self._in_use.tell)
-            # A run before this one may have ended, or been refused, before it was stored.
-            self._store_lowered()
             wearer = self._armed_wearer(stack)
             if self._args.restart:
-                self._file.unlink(missing_ok=True)
+                save_progress(self._file, self._progress)
+            # A run before this one may have ended, or been refused, before it was stored.
+            self._store_lowered()
             conditions = self._progress.conditions
             stimulator = stack.enter_context(
                 stimulator_on(self._display, conditions, wearer.answerer.wants_stop, wearer.hear)
@@ -227,6 +227,8 @@ class FitSession:
     def _begun(self, asked_for: FitProgress) -> FitProgress:
         """The saved progress. Raises: FileError if it was begun otherwise."""
         if not self._is_begun:
+            kept = kept_of_restart(self._args, self._file, asked_for.conditions)
+            asked_for.lowered_ua, _, asked_for.in_doubt, _ = kept
             return asked_for
         both = {"seed": self._args.seed, "electrodes": self._args.electrodes or None}
         named = [key for key, value in both.items() if value is not None]
