@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 import calibrate_scenes
 from calibrate_scenes import EQUAL, REFERENCE
 from etd.calibrate.answers import Answer, Question
 from etd.calibrate.asking import Asking
+from etd.calibrate.course import Course
 from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.progress import save_progress
 from etd.calibrate.reach import Reach
@@ -190,3 +192,55 @@ def test_a_reference_that_was_delivered_is_in_doubt_though_the_electrode_was_not
     assert sitting.skin.presented == [(REFERENCE, 1_700)]
     assert sitting.kept.in_doubt is not None
     assert REFERENCE in sitting.kept.in_doubt.left_ua
+
+
+# --- between two courses, as between two states of a fit ------------------------------------------
+
+
+def course_of(sitting: Sitting, *answers: Answer, last: InDoubt | None = None) -> Course:
+    return Course(
+        sitting.kept,
+        sitting.skin,
+        Says(answers),
+        lambda: calibrate_scenes.TODAY,
+        on_progress=lambda now: save_progress(sitting.path, now),
+        last=last,
+    )
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_a_stop_before_the_next_course_is_about_what_the_one_before_presented_last(
+    stop: BaseException, tmp_path: Path
+) -> None:
+    """While it is waited for, and in the pause that it begins with."""
+    sitting = Sitting(tmp_path)
+    first = course_of(sitting, "not_felt", "felt", "pause")
+    with pytest.raises(Stopped):
+        first.run((ELECTRODE,))
+    assert first.last is not None
+    assert sitting.kept.in_doubt is None
+    with pytest.raises(type(stop)):
+        course_of(sitting, last=first.last).wait(raising(stop))
+    assert sitting.kept.in_doubt == first.last
+    save_progress(sitting.path, replace(sitting.kept, in_doubt=None))
+    sitting.skin.pausing = raising(stop)
+    with pytest.raises(type(stop)):
+        course_of(sitting, last=first.last).run((OTHER,))
+    assert sitting.kept.in_doubt == first.last
+
+
+def test_it_is_asked_about_before_the_next_course_is_waited_for(tmp_path: Path) -> None:
+    sitting, waited = Sitting(tmp_path), list[int | None]()
+    save_progress(sitting.path, replace(sitting.kept, in_doubt=DOUBT))
+    course = course_of(sitting, "too_strong")
+    course.wait(lambda: waited.append(sitting.kept.lowered_ua.get(ELECTRODE)))
+    assert waited == [LEFT_UA]
+    assert sitting.kept.in_doubt is None
+
+
+@pytest.mark.parametrize("ends", [Stopped("pause"), NotDelivered(0, "no contact", 0)])
+def test_what_is_no_stop_says_nothing_of_it(ends: Exception, tmp_path: Path) -> None:
+    sitting = Sitting(tmp_path)
+    with pytest.raises(type(ends)):
+        course_of(sitting, last=DOUBT).wait(raising(ends))
+    assert sitting.kept.in_doubt is None

@@ -6,6 +6,8 @@ import math
 import random
 import signal
 import statistics
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from command_rig import CommandRig, Said, command_rig
+from command_rig import WITHIN_S, CommandRig, Said, command_rig
 from engine_scenes import exponent
 from etd.calibrate.conditions import Conditions, identity
 from etd.calibrate.exponent import Asked
@@ -160,6 +162,33 @@ def test_after_a_lease_that_lapsed_it_is_said_what_is_kept(rig: CommandRig) -> N
             at.close()
         assert said.status == 1
         assert "states that are over: 0: the same command continues" in said.err
+
+
+@pytest.mark.parametrize(
+    ("says", "ends"),
+    [
+        ("felt('too_strong')", "stopped (too strong, by a button, a monitor or another program)"),
+        ("stop()", "halted by"),
+    ],
+)
+def test_a_button_or_another_program_is_heard_between_two_states(
+    rig: CommandRig, says: str, ends: str
+) -> None:
+    program = f"import etd; etd.Display(max_current_ua=100, width_us=50).{says}"
+    with rig.daemon("--array", "pad-8"):
+        at = AtTerminal(rig, *FIT, "--arm")
+        try:
+            assert at.command.line() == "", "each state stands apart"
+            at.command.line_with("Then any key", "stdout")
+            subprocess.run(
+                [sys.executable, "-c", program], env=rig.environment, check=True, timeout=WITHIN_S
+            )
+            said = at.command.ended()
+        finally:
+            at.close()
+        assert rig.run("status", "--json").answer["status"]["state"] == "HALTED"
+    assert said.status == 1, said.err
+    assert ends in said.err
 
 
 def test_what_was_too_strong_in_a_fit_is_taken_from_the_calibration_at_once(

@@ -60,7 +60,7 @@ class Presenter(Protocol):
 class Asking:
     """`on_progress` is called with `progress` at once when something was too strong, `on_presented`
     with each presentation, `on_answered` with what was asked about it and the answer: None if it
-    was not answered, because something else ended it.
+    was not answered, because something else ended it. `last`: as in `Doubting`.
     """
 
     def __init__(
@@ -71,6 +71,7 @@ class Asking:
         on_progress: Callable[[Progress], None],
         on_presented: Callable[[Presentation], None],
         on_answered: Callable[[Presentation, Ask, Answer | None], None],
+        last: InDoubt | None = None,
     ) -> None:
         self._progress = progress
         self._presenter = presenter
@@ -78,7 +79,7 @@ class Asking:
         self._on_progress = on_progress
         self._on_presented = on_presented
         self._on_answered = on_answered
-        self._doubting = Doubting(progress, on_progress)
+        self._doubting = Doubting(progress, on_progress, last)
         #: By electrode and current: the last one measured.
         self.resistances: dict[int, dict[int, int]] = {}
         self._comparisons: dict[int, int] = {}
@@ -307,6 +308,16 @@ class Asking:
         self._doubting.last = self._progress.in_doubt = None
         self._on_progress(self._progress)
 
+    @property
+    def last(self) -> InDoubt | None:
+        """What a stop now would be about."""
+        return self._doubting.last
+
+    def wait(self, until_ready: Callable[[], None]) -> None:
+        """Nothing is presented meanwhile: a stop is about what came before it."""
+        with self._doubting.after():
+            until_ready()
+
     # --- what it was stopped at ----------------------------------------------------------------
 
     def settle_doubt(self) -> None:
@@ -333,8 +344,8 @@ class Asking:
     # --- one presentation --------------------------------------------------------------------
 
     def _pause(self) -> None:
-        with self._doubting.after():
-            self._presenter.pause(_PAUSES_S[self._progress.presentations % len(_PAUSES_S)])
+        seconds = _PAUSES_S[self._progress.presentations % len(_PAUSES_S)]
+        self.wait(lambda: self._presenter.pause(seconds))
 
     def _deliver(self, electrode: int, current_ua: int) -> Delivered:
         delivered = self._presenter.present(electrode, current_ua)

@@ -16,6 +16,7 @@ from etd.calibrate.answers import Answer, Answerer, Ask, Presentation
 from etd.calibrate.asking import Asking, Presenter
 from etd.calibrate.conditions import check_baseline
 from etd.calibrate.equal_strength import EqualTasks
+from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.order import CHECK_EACH, IN_PLAY, drawn, is_catch, shuffled
 from etd.calibrate.progress import Progress
 from etd.calibrate.reach import RISE
@@ -44,7 +45,8 @@ class Course:
     electrode what it feels like, and where. `today` dates each electrode: a calibration may
     continue on another day.
 
-    `fit`: thresholds alone, for an exponent (fitting), within these bounds.
+    `fit`: thresholds alone, for an exponent (fitting), within these bounds. `last`: of a course
+    that follows on another one, what that presented last, which a stop would be about.
 
     `baseline`: an earlier calibration of the same person, which gives the first currents; the
     method `equalize` takes over all of it except the comfortable levels.
@@ -68,11 +70,14 @@ class Course:
         on_drift: Callable[[float, bool], None] = lambda *_: None,
         asks_sensation: bool = False,
         fit: FitBounds | None = None,
+        last: InDoubt | None = None,
     ) -> None:
         if baseline is not None:
             check_baseline(progress.conditions, baseline)
         self._progress = progress
-        self._asking = Asking(progress, presenter, answerer, on_progress, on_presented, on_answered)
+        self._asking = Asking(
+            progress, presenter, answerer, on_progress, on_presented, on_answered, last
+        )
         self._tasks: Tasks
         if progress.conditions.method == "equalize":
             self._tasks = EqualTasks(progress, self._asking, baseline, today)
@@ -93,6 +98,18 @@ class Course:
         #: What each of these feels like was asked in this run, whatever was answered.
         self._asked_sensation: set[int] = set()
         self.left: dict[int, str] = {}
+
+    @property
+    def last(self) -> InDoubt | None:
+        """What a stop now would be about."""
+        return self._asking.last
+
+    def wait(self, until_ready: Callable[[], None]) -> None:
+        """Before it runs: what it was stopped at is asked about first, and a stop meanwhile is
+        about what was presented last. Raises: Stopped, Refused, DaemonGone.
+        """
+        self._asking.settle_doubt()
+        self._asking.wait(until_ready)
 
     def run(self, electrodes: Sequence[int]) -> Progress:
         """Calibrate those that have no result yet. Those that still have none are in `left`, with

@@ -21,13 +21,20 @@ from etd.calibrate.trial import Stopped
 
 
 class Doubting:
-    """`on_progress` is called with `progress` when what is in doubt has changed."""
+    """`on_progress` is called with `progress` when what is in doubt has changed. `last`: what was
+    presented before that progress began.
+    """
 
-    def __init__(self, progress: Progress, on_progress: Callable[[Progress], None]) -> None:
+    def __init__(
+        self,
+        progress: Progress,
+        on_progress: Callable[[Progress], None],
+        last: InDoubt | None = None,
+    ) -> None:
         self._progress = progress
         self._on_progress = on_progress
         #: What a stop now would be about; None: nothing, or what is kept as too strong already.
-        self.last: InDoubt | None = None
+        self.last = last
         #: Of what is presented, a part was delivered.
         self.is_fired = False
 

@@ -14,8 +14,7 @@ from random import randrange
 
 import msgspec
 
-from etd.calibrate.answers import Answer, Answerer
-from etd.calibrate.asking import Presenter
+from etd.calibrate.answers import Answer
 from etd.calibrate.conditions import (
     check_baseline,
     check_conditions,
@@ -33,7 +32,9 @@ from etd.calibrate.fitting import (
     electrodes_to_ask,
     load_fit,
 )
+from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.progress import Progress, check_progress_folder, save_progress
+from etd.calibrate.stimulator import Stimulator
 from etd.cli import options
 from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
@@ -100,6 +101,9 @@ class FitSession:
         path = new_trials_path(folder, name, conditions.array, wall_time(), args.trials)
         self._trials = TrialsFile(path, conditions, clock.now_ns, clock.wall_offset_ns)
 
+        #: What was presented last, in the state before.
+        self._last: InDoubt | None = None
+
     def run(self) -> None:
         """Raises: Stopped, Refused, DaemonGone."""
         if self._fitting.state is None or self._fitting.is_lost:
@@ -118,11 +122,7 @@ class FitSession:
             )
             stimulator.open()
             while (state := self._fitting.state) is not None and not self._fitting.is_lost:
-                number = self._progress.states
-                self._say(f"\nstate {number + 1} of {len(STATES)}, {state.name}: {state.todo}")
-                wearer.come_into(number, stimulator)
-                check_pause(self._progress, self._now_s(), str(self._file))
-                self._ask_in(state, wearer.presenter(stimulator), wearer.answerer)
+                self._ask_in(state, wearer, stimulator)
 
     def _armed_wearer(self, stack: ExitStack) -> Wearer:
         """Raises: Stopped, Refused."""
@@ -134,15 +134,16 @@ class FitSession:
         )
         at_once = self._args.board is not None or self._args.arm
         armed_for(self._display, keys, at_once=at_once)
-        return PersonAtKeys(self._display, keys, self._say)
+        return PersonAtKeys(keys, self._say)
 
-    def _ask_in(self, state: SkinState, presenter: Presenter, answerer: Answerer) -> None:
+    def _ask_in(self, state: SkinState, wearer: Wearer, stimulator: Stimulator) -> None:
+        number = self._progress.states
         of_state = self._fitting.progress_of_state()
         self._screen = self._screen_of(of_state)
         course = Course(
             of_state,
-            presenter,
-            answerer,
+            wearer.presenter(stimulator),
+            wearer.answerer,
             lambda: wall_time().date(),
             baseline=self._baseline,
             on_progress=self._lowered,
@@ -151,8 +152,13 @@ class FitSession:
             on_threshold=lambda one: self._fitting.threshold_found(one, self._now_s()),
             on_found=lambda _: self._screen.found(),
             fit=(self._fitting.caps_ua, self._fitting.least_ua),
+            last=self._last,
         )
+        self._say(f"\nstate {number + 1} of {len(STATES)}, {state.name}: {state.todo}")
+        course.wait(lambda: wearer.come_into(number, stimulator))
+        check_pause(self._progress, self._now_s(), str(self._file))
         course.run(self._progress.electrodes)
+        self._last = course.last
         for electrode in self._fitting.take(of_state):
             why = course.left.get(electrode, "no threshold up to its cap")
             self._say(f"electrode {electrode} has no threshold in this state: {why}")
@@ -215,8 +221,13 @@ class FitSession:
     @property
     def kept(self) -> str:
         """What is saved, and how to continue."""
-        done = self._progress.states
-        return f"states that are over: {done}: {same_command(self._args)} continues"
+        done, again = self._progress.states, same_command(self._args)
+        if self._progress.in_doubt is not None:
+            again = (
+                f"it was stopped at or after a presentation: {again} asks first whether that was"
+            )
+            return f"states that are over: {done}; {again} too strong"
+        return f"states that are over: {done}: {again} continues"
 
     def _now_s(self) -> float:
         """Of the wall clock."""

@@ -16,7 +16,6 @@ from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.stimulator import Stimulator
 from etd.calibrate.trial import Stopped
 from etd.cli.keys import Keyboard
-from etd.client import Display
 
 #: The fake's finger comes into its next state after a quarter of a minute without a pulse.
 _SILENCE_S = 18.0
@@ -41,8 +40,7 @@ class Wearer(Protocol):
 class PersonAtKeys:
     """Implements `Wearer`."""
 
-    def __init__(self, display: Display, keys: Keyboard, say: Callable[[str], None]) -> None:
-        self._display = display
+    def __init__(self, keys: Keyboard, say: Callable[[str], None]) -> None:
         self._keys = keys
         self._say = say
         self.answerer: Answerer = keys
@@ -54,11 +52,11 @@ class PersonAtKeys:
         return stimulator
 
     def come_into(self, state: int, stimulator: Stimulator) -> None:  # noqa: ARG002 - they know it
-        """When a key says so."""
+        """When a key says so. The wearer's button and other programs are heard meanwhile."""
         self._say("Then any key   (SPACE STOP   q pause)")
-        ending = self._keys.ready(self._display.keep)
+        ending = self._keys.ready(stimulator.keep)
         if ending == "stop":
-            self._display.stop()
+            stimulator.stop()
         if ending is not None:
             raise Stopped(ending)
 
