@@ -83,8 +83,8 @@ those were felt is kept. Each presentation is at most 10 % above the strongest
 accepted before, and never above --max-current-ua. SPACE stops at once (also
 Esc and Ctrl-C). Results are saved, also what was too strong; the same command
 (without --restart) continues from there, with a lower limit too. Every trial is
-kept in a table, which is named at the end. Levels hold at every rate up to that of the calibration:
-calibrate at the highest rate of the study.
+kept in a table, which is named at the end. Levels hold at every rate up to that
+of the calibration: calibrate at the highest rate of the study.
 docs/calibration.md describes each method, and how long it takes.
 
 exit status: 0 the daemon has stored the calibration, 1 stopped, refused, or
