@@ -88,9 +88,51 @@ def test_who_stops_it_is_asked_about_what_was_presented_last(
 def test_what_was_bearable_is_presented_again(answer: Answer, tmp_path: Path) -> None:
     sittings = Sittings(tmp_path)
     (*_, (electrode, shown_ua)), _ = sittings.sit("not_felt", "not_felt", "stop")
-    presented, _ = sittings.sit(answer, "not_felt", "not_felt", "not_felt", "pause")
+    said: list[Answer] = [answer, answer, "not_felt", "not_felt", "not_felt", "pause"]
+    presented, asked = sittings.sit(*said)
+    assert asked[1] == Question("stopped", electrode, is_again=True)
     assert (electrode, shown_ua) in presented
     assert sittings.kept.lowered_ua == {}
+
+
+@pytest.mark.parametrize("slip", ["not_felt", "felt", "comfortable"])
+def test_one_key_that_slipped_does_not_say_that_it_was_bearable(
+    slip: Answer, tmp_path: Path
+) -> None:
+    """Nor does it where the second question is never answered."""
+    sittings = Sittings(tmp_path)
+    (*_, (_, borne_ua), (electrode, hurt_ua)), _ = sittings.sit("not_felt", "not_felt", "stop")
+    for ends in ("pause", "stop", GONE):
+        presented, asked = sittings.sit(slip, ends)
+        assert (presented, [one.is_again for one in asked]) == ([], [False, True])
+        assert sittings.kept.in_doubt is not None
+    presented, _ = sittings.sit(slip, "too_strong", "not_felt", "not_felt", "not_felt", "pause")
+    assert sittings.kept.lowered_ua == {electrode: borne_ua}
+    assert max(ua for where, ua in presented if where == electrode) < hurt_ua
+
+
+@pytest.mark.parametrize("is_last", [False, True])
+@pytest.mark.parametrize(
+    ("said", "lowered"),
+    [
+        (("neither", "second"), {"second"}),
+        (("second", "neither"), {"second"}),
+        (("first", "second"), {"first", "second"}),
+        (("neither", "both"), {"first", "second"}),
+    ],
+)
+def test_of_two_each_counts_that_is_named_once(
+    said: tuple[Answer, ...], lowered: set[str], *, is_last: bool, tmp_path: Path
+) -> None:
+    places = {"first": 0 if is_last else REFERENCE, "second": REFERENCE if is_last else 0}
+    doubt = InDoubt(
+        electrode=0, reference=REFERENCE, is_reference_last=is_last, left_ua={0: 900, 1: 1_500}
+    )
+    sittings = Sittings(tmp_path, EQUAL)
+    save_progress(sittings.path, Progress(conditions=EQUAL, in_doubt=doubt))
+    _, asked = sittings.sit(*said, "pause")
+    assert asked[1] == Question("stopped_which", 0, REFERENCE, is_last, is_again=True)
+    assert set(sittings.kept.lowered_ua) == {places[one] for one in lowered}
 
 
 def test_it_is_in_the_file_before_it_is_presented_until_it_is_answered(tmp_path: Path) -> None:
@@ -130,8 +172,8 @@ def test_it_is_asked_until_it_is_answered(tmp_path: Path) -> None:
         presented, asked = sittings.sit(ends)
         assert (presented, [one.ask for one in asked]) == ([], ["stopped"])
     assert sittings.skin.stops == 2
-    _, asked = sittings.sit("felt", "pause")
-    assert [one.ask for one in asked] == ["stopped", "strength"]
+    _, asked = sittings.sit("felt", "felt", "pause")
+    assert [one.ask for one in asked] == ["stopped", "stopped", "strength"]
     _, asked = sittings.sit("pause")
     assert [one.ask for one in asked] == ["strength"]
 
@@ -191,7 +233,8 @@ def test_of_two_it_is_asked_which_one(
         electrode=0, reference=REFERENCE, is_reference_last=is_last, left_ua={0: 900, 1: 1_500}
     )
     save_progress(sittings.path, Progress(conditions=EQUAL, in_doubt=doubt))
-    presented, asked = sittings.sit(answer, "pause")
+    answers: list[Answer] = ["both"] if answer == "both" else [answer, answer]
+    presented, asked = sittings.sit(*answers, "pause")
     assert asked[0] == Question("stopped_which", 0, REFERENCE, is_last)
     assert set(sittings.kept.lowered_ua) == expected
     assert (not presented) == (REFERENCE in expected)

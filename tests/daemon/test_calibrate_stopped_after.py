@@ -147,7 +147,7 @@ def test_what_is_kept_as_too_strong_is_asked_no_second_time(
 
 def test_a_stop_that_was_asked_about_is_not_asked_about_again(tmp_path: Path) -> None:
     sitting = Sitting(tmp_path)
-    asking = sitting.asking("stop", "felt")
+    asking = sitting.asking("stop", "felt", "felt")
     with pytest.raises(Stopped):
         present(asking)
     asking.settle_doubt()

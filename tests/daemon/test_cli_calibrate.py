@@ -268,6 +268,28 @@ def test_the_picture_shows_where_something_was_too_strong(
     assert (first, second) == ("   first", "   second; next presentation")
 
 
+def test_the_screen_says_that_it_is_asked_once_more_about_a_stop(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    facts = ArrayFacts(
+        name="row", electrodes=4, x_mm=(0, 2, 4, 6), y_mm=(0, 0, 0, 0), diameter_mm=1.0
+    )
+    screen = Screen(facts, Progress(conditions=ROW), is_quiet=False)
+    for question in (Question("stopped", 2), Question("stopped", 2, is_again=True)):
+        screen.ask(question)
+        screen.heard("felt")
+        screen.heard("too_strong")
+    _, first, _, felt, hurt, _, again, _, felt_again, hurt_again = (
+        capsys.readouterr().out.splitlines()[-10:]
+    )
+    assert first.startswith("It was stopped at or after this one")
+    assert again.startswith("Not too strong. Was it so?")
+    assert (felt, hurt) == ("   felt", "   too strong; next presentation")
+    assert felt_again == "   felt; next presentation"
+    assert hurt_again == "   too strong; next presentation"
+    assert max(len(first), len(again)) <= 80
+
+
 @pytest.mark.parametrize("array", resources.names("arrays"))
 @pytest.mark.parametrize("is_blind", [False, True])
 def test_the_screen_fits_80_columns(

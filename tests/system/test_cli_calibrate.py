@@ -66,6 +66,8 @@ def test_keys_answer_space_stops_and_the_same_command_goes_on(rig: CommandRig) -
     try:
         at.command.line_with("It was stopped at or after this one, the last time", "stdout")
         at.press(b"f")
+        at.command.line_with("Not too strong. Was it so?", "stdout")
+        at.press(b"f")
         at.command.line_with("How strong was it", "stdout")
         at.press(b"q")
         paused = at.command.ended()

@@ -88,6 +88,8 @@ class Question:
     #: answers are about the second, or name the first and the second.
     reference: int | None = None
     is_reference_last: bool = False
+    #: Once more, since the answer before said that something was not too strong, and keys slip.
+    is_again: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Protocol, TypeAlias, get_args
 
 from etd.calibrate.answers import Answer, Answerer, Ask, Presentation, Question, turned
@@ -321,25 +322,33 @@ class Asking:
     # --- what it was stopped at ----------------------------------------------------------------
 
     def settle_doubt(self) -> None:
-        """Before anything is presented: whether that was too strong which it was stopped at.
+        """Before anything is presented: whether that was too strong which it was stopped at. What
+        is said not to have been comes again, so that is asked twice: keys slip.
 
         Raises: Stopped, Refused (`bad_calibration`: the reference was too strong).
         """
         doubt = self._progress.in_doubt
         if doubt is None:
             return
-        answer = self._answerer.answer(doubt.question, self._presenter.keep)
-        if answer == "stop":
-            self._presenter.stop()
-        if answer in ("stop", "pause"):
-            raise Stopped(answer)
+        said = [self._answered_of_doubt(doubt.question)]
+        if said[0] not in ("too_strong", "both"):
+            said.append(self._answered_of_doubt(replace(doubt.question, is_again=True)))
         self._progress.in_doubt = None
-        left_ua = doubt.left_by(answer)
-        if doubt.times is not None and answer == "too_strong":
+        left_ua = {one: ua for answer in said for one, ua in doubt.left_by(answer).items()}
+        if doubt.times is not None and "too_strong" in said:
             self._take_down(doubt.together_ua or self._progress.left_by(doubt.times))
         self._lower(left_ua)
         if doubt.reference is not None and doubt.reference in left_ua:
             raise too_strong_reference(doubt.reference)
+
+    def _answered_of_doubt(self, question: Question) -> Answer:
+        """Raises: Stopped."""
+        answer = self._answerer.answer(question, self._presenter.keep)
+        if answer == "stop":
+            self._presenter.stop()
+        if answer in ("stop", "pause"):
+            raise Stopped(answer)
+        return answer
 
     # --- one presentation --------------------------------------------------------------------
 

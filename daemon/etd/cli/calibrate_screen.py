@@ -33,6 +33,11 @@ _ASKED = {
     "stopped_which": "It was stopped at or after these, the last time. Which one was too strong?",
     "stopped_whole": "It was stopped at or after this, the last time. How strong was it?",
 }
+_ASKED_AGAIN = {
+    "stopped": "Not too strong. Was it so? Once more what it was, or t: it comes again.",
+    "stopped_which": "Which one was too strong? Once more: each that is named once counts.",
+    "stopped_whole": "Not too strong. Was it so? Once more what it was, or t: it comes again.",
+}
 #: *Too strong* to these is asked no second time.
 _AT_ONCE = ("sure", "sure_in_use", "stopped", "stopped_whole")
 
@@ -63,6 +68,8 @@ class Screen:
         self._presented: Presentation | None = None
         self._electrode: int | None = None
         self._ask: Ask | None = None
+        #: Whatever is not *too strong* is asked about once more.
+        self._is_doubted = False
         self._advice = ""
 
     def begin(self, to_do: int) -> None:
@@ -77,6 +84,7 @@ class Screen:
     def ask(self, question: Question) -> None:
         """Print what was presented, the question, and the picture of another electrode."""
         self._ask = question.ask
+        self._is_doubted = question.ask in _ASKED_AGAIN and not question.is_again
         if self._is_quiet:
             return
         if is_terminal() or question.electrode != self._electrode:
@@ -86,7 +94,8 @@ class Screen:
             if self._advice and is_terminal():
                 print(self._advice)
         print(self._what(question))
-        print(f"{_ASKED[question.ask]}\n{legend(question.ask)}", flush=True)
+        asked = _ASKED_AGAIN if question.is_again else _ASKED
+        print(f"{asked[question.ask]}\n{legend(question.ask)}", flush=True)
 
     def heard(self, answer: Answer | None) -> None:
         """After each key: confirm it, and say whether another presentation follows."""
@@ -99,6 +108,7 @@ class Screen:
             is_first_of_two = self._ask == "quality"
             ends = answer in ("first", "both", "neither") or is_asked_again or is_first_of_two
             ends = ends or (answer, self._ask) == ("too_strong", "sure_in_use")
+            ends = ends or (self._is_doubted and answer != "too_strong")
             follows = "" if ends else _FOLLOWS.get(self._ask or "", "; next presentation")
             print(f"   {answer.replace('_', ' ')}{follows}", flush=True)
 
