@@ -180,7 +180,12 @@ def test_what_is_stored_under_that_name_is_taken_down_from_what_it_is_and_never_
         before,
         is_whole_accepted=True,
         electrode=tuple(
-            replace(one, threshold_ua=600, comfortable_ua=700, cap_ua=1_200 + 1_000 * (number % 2))
+            replace(
+                one,
+                threshold_ua=600,
+                comfortable_ua=700,
+                cap_ua=one.cap_ua if number % 2 else 1_200,
+            )
             for number, one in enumerate(before.electrode)
         ),
     )
