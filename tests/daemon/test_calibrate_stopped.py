@@ -12,10 +12,12 @@ from typing import get_args
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 import calibrate_scenes
 from calibrate_scenes import BASELINE, EQUAL, REFERENCE, ROW
 from etd.calibrate.answers import ANSWERS, Answer, Question
+from etd.calibrate.conditions import Conditions
 from etd.calibrate.fitting import FitProgress, Fitting, load_fit
 from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.progress import Progress, load_progress, save_progress
@@ -238,6 +240,19 @@ def test_of_two_it_is_asked_which_one(
     assert asked[0] == Question("stopped_which", 0, REFERENCE, is_last)
     assert set(sittings.kept.lowered_ua) == expected
     assert (not presented) == (REFERENCE in expected)
+
+
+@pytest.mark.parametrize("now", [ROW, replace(EQUAL, reference=2)])
+def test_what_was_a_reference_before_it_was_begun_anew_ends_nothing(
+    now: Conditions, tmp_path: Path
+) -> None:
+    doubt = InDoubt(electrode=0, reference=REFERENCE, left_ua={0: 900, REFERENCE: 1_500})
+    sittings = Sittings(tmp_path, now)
+    save_progress(sittings.path, Progress(conditions=now, in_doubt=doubt))
+    felt: list[Answer] = ["felt"] * 40
+    presented, _ = sittings.sit("both", *felt, "pause")
+    assert sittings.kept.lowered_ua == {0: 900, REFERENCE: 1_500}
+    assert presented
 
 
 def test_a_stop_at_a_comparison_keeps_both(tmp_path: Path) -> None:

@@ -338,8 +338,9 @@ class Asking:
         if doubt.times is not None and "too_strong" in said:
             self._take_down(doubt.together_ua or self._progress.left_by(doubt.times))
         self._lower(left_ua)
-        if doubt.reference is not None and doubt.reference in left_ua:
-            raise too_strong_reference(doubt.reference)
+        reference = self._progress.conditions.reference
+        if reference is not None and reference in left_ua:
+            raise too_strong_reference(reference)
 
     def _answered_of_doubt(self, question: Question) -> Answer:
         """Raises: Stopped."""
