@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from calibrate_scenes import ROW
 from command_rig import CommandRig, command_rig
+from etd.calibrate.conditions import identity
 from etd.calibrate.progress import Progress, save_progress
 from etd.files import resources
 from etd.files.calibration import load_calibration
@@ -20,6 +21,7 @@ from terminal_rig import SEED, AtTerminal
 pytestmark = pytest.mark.slow
 
 ANEW = ("calibrate", "P01", "--max-current-ua", "2000", "--seed", str(SEED), "--arm")
+EQUAL = ("calibrate", "P01", "--method", "equalize", "--seed", str(SEED), "--arm")
 
 
 @pytest.fixture
@@ -71,24 +73,33 @@ def test_it_is_stored_before_it_is_asked_whether_it_was(
             at.close()
 
 
+@pytest.mark.parametrize("is_equalized", [False, True])
 def test_of_all_at_once_too_and_nothing_that_another_program_has_lowered_rises(
-    rig: CommandRig,
+    rig: CommandRig, *, is_equalized: bool
 ) -> None:
     """Nor is the result stored over that: it is in a file."""
     limits = ElectrodeLimits(threshold_ua=500, comfortable_ua=1_600, cap_ua=1_900)
+    before = replace(in_use(), electrode=(limits,) * 8)
+    conditions = replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000, method="staircase")
+    asked: tuple[str, ...] = ANEW
+    if is_equalized:
+        known = identity("P01", before)
+        conditions = replace(
+            conditions, method="equalize", reference=3, baseline=known, cap_ua=1_900
+        )
+        asked = (*EQUAL, "--baseline", "P01", "--reference", "3")
     progress = Progress(
-        conditions=replace(ROW, array="pad-8", electrodes=8, cap_ua=2_000, method="staircase"),
+        conditions=conditions,
         seed=SEED,
         found=dict.fromkeys(range(8), limits),
         made_on=f"kajimoto-hv507 (fake), daemon ipc://{rig.folder}/run/etd/main/control.sock",
     )
     save_progress(rig.folder / "state" / "etd" / "main" / "calibrating" / "P01.json", progress)
-    before = replace(in_use(), electrode=(limits,) * 8)
     corrected = replace(before, electrode=(replace(limits, cap_ua=1_600), *before.electrode[1:]))
     whole = "How strong was all of it together?"
     with rig.daemon("--array", "pad-8"):
         import_as(rig, before, "P01")
-        at = AtTerminal(rig, *ANEW)
+        at = AtTerminal(rig, *asked)
         try:
             for key in (b"f", b"f"):
                 at.command.line_with(whole, "stdout")
