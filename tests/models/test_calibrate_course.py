@@ -12,12 +12,7 @@ import msgspec
 import pytest
 
 from etd.calibrate.answers import Answer, Question
-from etd.calibrate.conditions import (
-    Conditions,
-    check_conditions,
-    check_laws,
-    identity,
-)
+from etd.calibrate.conditions import Conditions, check_conditions, check_laws, identity
 from etd.calibrate.course import Course
 from etd.calibrate.person import ResponseModel, SimulatedPerson
 from etd.calibrate.progress import Progress, finished, load_progress, save_progress
@@ -317,7 +312,7 @@ def test_stopped_in_the_middle_it_goes_on_with_what_is_missing(
     ("changes", "key"),
     [
         ({"width_us": 50}, "conditions.width_us"),
-        ({"cap_ua": 3_000}, "conditions.cap_ua"),
+        ({"cap_ua": 5_000}, "conditions.cap_ua"),
         ({"participant": "P02"}, "conditions.participant"),
         ({"shape": Shape(bursts=BURSTS)}, "conditions.shape"),
         ({"reference": 7}, "conditions.reference"),
