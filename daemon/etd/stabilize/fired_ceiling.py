@@ -20,6 +20,8 @@ from etd.stabilize.said_electrode import LETS_RISE_NS, MINUTE_NS, RISE_LOG
 
 #: Less than this is no rise but rounding.
 _LEAST_LOG: Final = 1e-9
+#: No word takes more than to here, of which nothing is fired: it is still a number to divide by.
+_FLOOR_UA: Final = 0.1
 
 
 class FiredCeiling:
@@ -34,8 +36,8 @@ class FiredCeiling:
 
     def lower(self, fired_ua: float, left: float, now_ns: int) -> None:
         """Of what was fired, this part is left; and what an earlier word lets rise does not."""
-        self.too_strong_ua = fired_ua
-        self.most_ua = min(fired_ua, self.most_ua) * left
+        self.too_strong_ua = max(fired_ua, _FLOOR_UA)
+        self.most_ua = max(min(fired_ua, self.most_ua) * left, _FLOOR_UA)
         self._goal_ua = self.most_ua
         self._rises: tuple[tuple[int, float], ...] = ((now_ns, RISE_LOG),)
 

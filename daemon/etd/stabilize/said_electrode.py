@@ -41,6 +41,8 @@ IN_USE_NS: Final = 2_000_000_000
 WEAKER_AT: Final = BAND / 2.0
 #: Less than this is no rise but rounding.
 _LEAST_LOG: Final = 1e-9
+#: No word takes more than to here: far below what any source fires, and still to divide by.
+_FLOOR_LOG: Final = math.log(1e-6)
 
 
 class Insisting:
@@ -211,8 +213,8 @@ class SaidElectrode:
         if not self.was_felt(now_ns):
             # A rise that no pulse has any more.
             self.offset = min(self.offset, 0.0)
-        self.offset -= step
-        self.left = min(self.left - step, self.offset)
+        self.offset = max(self.offset - step, _FLOOR_LOG)
+        self.left = max(min(self.left - step, self.offset), _FLOOR_LOG)
         self.rise = None
         self.rises = ((now_ns, RISE_LOG),)
         self.use.is_made_up_for = False
