@@ -23,7 +23,7 @@ def heard(feeling: Feeling, words: list[Words], fired_ua: int, wanted_ua: int) -
     for answer, electrodes, is_holder, times, after_ns in words:
         now_ns += after_ns
         for electrode in range(COUNT):
-            feeling.fired(electrode, 1.0, now_ns, fired_ua, wanted_ua)
+            feeling.fired(electrode, 1.0, now_ns, fired_ua, wanted_ua, wanted_ua)
         lease = "a" if is_holder or answer != "too_strong" else None
         for _ in range(times):
             word = SayFelt(ref=1, answer=answer, electrodes=electrodes, lease=lease)

@@ -30,7 +30,7 @@ def after_half_a_minute(
     feeling = Feeling(1, may_raise=may_raise)
     feeling.lease_begun(tuple([calibration(1, adaptation=each, date=DAY) for each in measured]))
     for second in range(31):
-        feeling.fired(0, 1.0, second * S, 1_000, 1_000)
+        feeling.fired(0, 1.0, second * S, 1_000, 1_000, 1_000)
     done = feeling.hear(SayFelt(ref=1, answer="good", lease="a"), 30 * S)
     return done, feeling.factor(0, 30 * S)
 

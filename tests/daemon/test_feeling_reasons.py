@@ -34,7 +34,7 @@ def last_of(*said: Said, may_raise: bool = False) -> tuple[FeltDone, float]:
     for at_s, answer, electrodes in said:
         for second in range(until_s, at_s):
             for electrode in (0, 1):
-                feeling.fired(electrode, 1.0, second * S, 1_000, 1_000)
+                feeling.fired(electrode, 1.0, second * S, 1_000, 1_000, 1_000)
         until_s = at_s
         word = SayFelt(ref=1, answer=answer, electrodes=electrodes, lease="a")
         done = feeling.hear(word, at_s * S)

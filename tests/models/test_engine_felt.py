@@ -342,7 +342,7 @@ class Played:
         self.now_ns += 240_000_000_000
         for electrode in range(N):
             self.feeling.laws_gave(electrode, gave)
-            self.feeling.fired(electrode, left, self.now_ns, 1_000, 1_000)
+            self.feeling.fired(electrode, left, self.now_ns, 1_000, 1_000, 1_000)
         self.feeling.hear(SayFelt(ref=1, answer=answer, lease=LEASE), self.now_ns + 1)
 
 

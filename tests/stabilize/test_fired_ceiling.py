@@ -15,7 +15,18 @@ FIRED_UA, NOW_NS = 1_000.0, 7 * MINUTE_NS
 
 
 def lowered(left: float = 0.8) -> FiredCeiling:
-    return FiredCeiling(FIRED_UA, left, NOW_NS)
+    return FiredCeiling(FIRED_UA, NOW_NS, left, NOW_NS)
+
+
+def fire(made: FiredCeiling, at_ns: int) -> None:
+    """As strong as it lets through, all the time until then."""
+    made.fired(int(made.most_ua), at_ns)
+
+
+def word(made: FiredCeiling, at_ns: int, *, is_weak: bool) -> bool:
+    """Of a pulse that it bound a moment before."""
+    fire(made, at_ns - 1)
+    return made.let_rise(at_ns, is_weak=is_weak)
 
 
 def test_each_word_takes_of_what_was_fired_or_is_left() -> None:
@@ -29,37 +40,36 @@ def test_each_word_takes_of_what_was_fired_or_is_left() -> None:
 
 def test_within_a_minute_nothing_rises_and_then_with_a_pulse() -> None:
     made = lowered()
-    assert made.let_rise(NOW_NS + 1, is_weak=False)
-    made.rise(NOW_NS + MINUTE_NS - 1)
+    assert word(made, NOW_NS + 1, is_weak=False)
+    fire(made, NOW_NS + MINUTE_NS - 1)
     assert made.most_ua == pytest.approx(800.0)
-    made.rise(NOW_NS + MINUTE_NS)
+    fire(made, NOW_NS + MINUTE_NS)
     assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE)
-    made.rise(NOW_NS + 3 * MINUTE_NS)
+    fire(made, NOW_NS + 3 * MINUTE_NS)
     assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE), "a word is for one rise"
 
 
 def test_a_pulse_that_ended_before_the_word_raises_nothing() -> None:
     """It was under way when the word was heard."""
     made = lowered()
-    made.rise(NOW_NS - 1)
+    fire(made, NOW_NS - 1)
     assert made.most_ua == pytest.approx(800.0)
 
 
-def test_a_word_is_forgotten() -> None:
+@pytest.mark.parametrize(("early_ns", "rises"), [(1, True), (0, False)])
+def test_a_word_is_forgotten(early_ns: int, rises: bool) -> None:
     made = lowered()
-    made.let_rise(NOW_NS + 1, is_weak=True)
-    made.rise(NOW_NS + 1 + LETS_RISE_NS)
-    assert made.most_ua == pytest.approx(800.0)
-    made.let_rise(NOW_NS + MINUTE_NS - 2, is_weak=True)
-    made.rise(NOW_NS + MINUTE_NS - 3 + LETS_RISE_NS)
-    assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE)
+    word(made, NOW_NS + 2, is_weak=True)
+    fire(made, NOW_NS + MINUTE_NS - 1)
+    fire(made, NOW_NS + 2 + LETS_RISE_NS - early_ns)
+    assert made.most_ua == pytest.approx(800.0 * (RISE_A_MINUTE if rises else 1.0))
 
 
 def test_too_strong_ends_what_an_earlier_word_lets_rise() -> None:
     made = lowered()
-    made.let_rise(NOW_NS + 1, is_weak=True)
+    word(made, NOW_NS + 1, is_weak=True)
     made.lower(800.0, 0.5, NOW_NS + 2)
-    made.rise(NOW_NS + 2 + MINUTE_NS)
+    fire(made, NOW_NS + 2 + MINUTE_NS)
     assert made.most_ua == pytest.approx(400.0)
 
 
@@ -67,14 +77,14 @@ def test_good_reaches_what_was_too_strong_and_no_more() -> None:
     made, now_ns = lowered(), NOW_NS
     for _ in range(4):
         now_ns += MINUTE_NS
-        assert made.let_rise(now_ns, is_weak=False)
+        assert word(made, now_ns, is_weak=False)
     assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE**4)
-    made.let_rise(now_ns + MINUTE_NS, is_weak=False)
+    word(made, now_ns + MINUTE_NS, is_weak=False)
     assert made.most_ua == pytest.approx(FIRED_UA)
-    assert not made.let_rise(now_ns + 2 * MINUTE_NS, is_weak=False)
-    assert made.let_rise(now_ns + 3 * MINUTE_NS, is_weak=True)
+    assert not word(made, now_ns + 2 * MINUTE_NS, is_weak=False)
+    assert word(made, now_ns + 3 * MINUTE_NS, is_weak=True)
     assert made.most_ua == pytest.approx(FIRED_UA * RISE_A_MINUTE)
-    assert not made.let_rise(now_ns + 4 * MINUTE_NS, is_weak=False)
+    assert not word(made, now_ns + 4 * MINUTE_NS, is_weak=False)
     assert made.most_ua == pytest.approx(FIRED_UA * RISE_A_MINUTE), "good lowers nothing"
 
 
@@ -82,16 +92,16 @@ def test_good_reaches_what_the_last_word_was_of() -> None:
     made = lowered()
     made.lower(800.0, 0.9, NOW_NS)
     for minute in range(1, 9):
-        made.let_rise(NOW_NS + minute * MINUTE_NS, is_weak=False)
+        word(made, NOW_NS + minute * MINUTE_NS, is_weak=False)
     assert made.most_ua == pytest.approx(800.0)
 
 
 def test_two_words_in_a_minute_share_its_room() -> None:
     made = lowered()
     for second in (60, 80, 119):
-        made.let_rise(NOW_NS + second * MINUTE_NS // 60, is_weak=True)
+        word(made, NOW_NS + second * MINUTE_NS // 60, is_weak=True)
     assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE)
-    made.rise(NOW_NS + 2 * MINUTE_NS)
+    fire(made, NOW_NS + 2 * MINUTE_NS)
     assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE**2)
 
 
@@ -112,9 +122,9 @@ def test_in_any_minute_it_rises_by_a_twentieth_at_most(steps: list[tuple[int, st
         if what == "too_strong":
             made.lower(made.most_ua, 0.95, now_ns)
         elif what == "pulse":
-            made.rise(now_ns)
+            fire(made, now_ns)
         else:
-            made.let_rise(now_ns, is_weak=what == "too_weak")
+            word(made, now_ns, is_weak=what == "too_weak")
         now_ua = made.most_ua
         lately = [ua for at_ns, ua in was if now_ns - at_ns < MINUTE_NS]
         for before_ua in lately:

@@ -7,19 +7,19 @@ it was said of, and when laws are given up. Must not know: limits, hardware, soc
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from etd.protocol.adaptation import why_not_raised
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import Refused
-from etd.protocol.felt import HARDLY_ANYTHING, FeltDone, FeltFacts
+from etd.protocol.felt import FeltDone, FeltFacts
 from etd.protocol.link import SayFelt
-from etd.stabilize.fired_ceiling import FiredCeiling
+from etd.stabilize.fired_ceiling import FiredCeilings
 from etd.stabilize.law_watch import LawWatch
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import FeltOffsets, Followed
-from etd.stabilize.said_electrode import fades_a_minute
+from etd.stabilize.said_electrode import HARDLY_ANYTHING, fades_a_minute
 
 #: Currents are whole microamperes: a pulse with this part of what laws asked is what they asked.
 _NEARLY = 0.98
@@ -43,8 +43,16 @@ _NAMED = (
     " has left {:.0%}, and good gives back no more than levels need: say too_weak where it is"
 )
 _CEILING = (
-    "too_strong was said of what another limit had left: nothing passes {} uA at electrode {}, no"
-    " soft start either; too_weak lets that rise by 5 % a minute, and disarming begins anew"
+    "too_strong was said of what another limit had left: nothing {} {} uA at electrode {}, no soft"
+    " start either; too_weak lets that rise by 5 % a minute, and disarming begins anew"
+)
+_CUT = (
+    "another limit leaves less than is asked for, and no word raises that: the clamps of replies"
+    " and scans tell which"
+)
+_NOT_FIRED = (
+    "it was not fired since arming, where it may have been a return of others: what it is asked for"
+    " later is lowered, and nothing else: name the electrodes that fire, or none for all"
 )
 _NOT_BY_SITE = "felt_may_raise = false in the body site"
 _NOT_WITHOUT = "no calibration tells that this person feels less in use"
@@ -53,15 +61,14 @@ _NOT_WITHOUT = "no calibration tells that this person feels less in use"
 @dataclass(slots=True)
 class _LastPulse:
     """Of an electrode: what laws made of the charge of its next one, in times of the frame's; which
-    part of the frame's charge the last one had, and which part a word had left to it; its current,
-    and whether other limits had left less than was asked for.
+    part of the frame's charge the last one had, and which part a word had left to it; and what was
+    asked for before any word.
     """
 
     gave: float = 1.0
     part: float = 1.0
     word: float = 1.0
-    current_ua: int = 0
-    was_limited: bool = False
+    asked_ua: int = 0
 
 
 class Feeling:
@@ -79,7 +86,7 @@ class Feeling:
         self._offsets = FeltOffsets(electrodes, may_raise=False)
         self._watch = LawWatch()
         self._pulses = [_LastPulse() for _ in range(electrodes)]
-        self._ceilings: dict[int, FiredCeiling] = {}
+        self._ceilings = FiredCeilings(electrodes)
         self._answers = 0
         self._last: tuple[int, SayFelt] | None = None
         #: Why laws by resistance are off; empty: they are not.
@@ -90,7 +97,7 @@ class Feeling:
         self._offsets.reset()
         self._answers, self._last = 0, None
         self._pulses = [_LastPulse() for _ in range(self._count)]
-        self._ceilings = {}
+        self._ceilings = FiredCeilings(self._count)
 
     def lease_begun(self, calibrations: Sequence[Calibration] = ()) -> None:
         """Perhaps another person's: laws are judged anew. `calibrations`: theirs, if any. By each
@@ -110,17 +117,27 @@ class Feeling:
     # --- pulses ------------------------------------------------------------------------------
 
     def fired(
-        self, electrode: int, part: float, now_ns: int, fired_ua: int, wanted_ua: int
+        self,
+        electrode: int,
+        part: float,
+        now_ns: int,
+        fired_ua: int,
+        wanted_ua: int,
+        asked_ua: int,
+        *,
+        by_array: bool = False,
+        by_own: bool = False,
     ) -> None:
         """A pulse of a frame was fired, with this part of the frame's charge, and this current of
-        what frame, laws and words asked for.
+        what frame, laws and words wanted; `asked_ua`: before any word. `by_array`, `by_own`: a soft
+        start had lowered it, that of the array or its electrode's own.
         """
         pulse = self._pulses[electrode]
         pulse.word = min(1.0, self._offsets.factor(electrode, now_ns))
-        pulse.part, pulse.current_ua = part, fired_ua
-        pulse.was_limited = fired_ua < wanted_ua
-        if self._ceilings and (ceiling := self._ceilings.get(electrode)) is not None:
-            ceiling.rise(now_ns)
+        pulse.part, pulse.asked_ua = part, asked_ua
+        self._ceilings.fired(
+            electrode, fired_ua, wanted_ua, now_ns, by_array=by_array, by_own=by_own
+        )
         self._offsets.fired(electrode, now_ns)
 
     def laws_gave(self, electrode: int, factor: float) -> None:
@@ -138,10 +155,10 @@ class Feeling:
         if self._offsets.is_idle:
             return None
         by_word = self.word_ua(electrode, current_ua, may_be_raised=may_be_raised)
-        ceiling = self._ceilings.get(electrode)
-        if ceiling is None:
+        most_ua = self._ceilings.most_ua(electrode)
+        if most_ua == math.inf:
             return by_word
-        return int(ceiling.most_ua if by_word is None else min(by_word, ceiling.most_ua))
+        return int(most_ua if by_word is None else min(by_word, most_ua))
 
     def word_ua(self, electrode: int, current_ua: int, *, may_be_raised: bool) -> int | None:
         """The same without what it says of pulses that other limits had lowered."""
@@ -164,53 +181,71 @@ class Feeling:
         about = self._felt_of(said.electrodes, now_ns)
         if said.lease is not None and about:
             self._judge_laws(said.answer, about, now_ns)
-        before = [self._offsets.left(electrode) for electrode in about]
-        did: Followed = "lowered"
+        if said.answer == "too_strong":
+            done = self._lower(said, about, now_ns)
+        else:
+            done = self._let_rise(said, said.answer, about, now_ns)
+        self._answers += 1
+        self._last = now_ns, said
+        return done
+
+    def _lower(self, said: SayFelt, about: Sequence[int], now_ns: int) -> FeltDone:
+        """Of all that are named, when they were fired or not: a part of what is asked of them, and
+        of what was fired where that was less.
+        """
+        those = range(self._count) if said.electrodes is None else sorted(set(said.electrodes))
+        before = [self._offsets.left(electrode) for electrode in those]
         if said.lease is None:
             self._offsets.lower(said.electrodes, now_ns)
         else:
-            did = self._offsets.hear(said.answer, said.electrodes, now_ns)
-        if said.answer == "too_strong":
-            self._lower_ceilings(about, before, now_ns)
-        elif self._let_ceilings_rise(about, said.answer, now_ns) and did == "nothing":
-            did = "gives_back"
-        self._answers += 1
-        self._last = now_ns, said
-        return FeltDone(did=did, reason=self._why_no_more(said, did, now_ns))
+            self._offsets.hear(said.answer, said.electrodes, now_ns)
+        left = {
+            electrode: self._offsets.left(electrode) / left_before
+            for electrode, left_before in zip(those, before, strict=True)
+        }
+        self._ceilings.lower(left, now_ns, are_all=said.electrodes is None)
+        if said.electrodes and not any(self._ceilings.was_fired(each) for each in those):
+            return FeltDone(did="nothing", reason=_NOT_FIRED)
+        binding_ua = self._ceilings.binding_ua(about, now_ns)
+        return FeltDone(did="lowered", reason=_of_ceilings("passes", binding_ua))
 
-    def _lower_ceilings(self, about: Sequence[int], before: Sequence[float], now_ns: int) -> None:
-        """Where another limit had left less than was asked for, a part of that takes nothing."""
-        for electrode, left_before in zip(about, before, strict=True):
-            pulse = self._pulses[electrode]
-            if not pulse.was_limited:
-                continue
-            left = self._offsets.left(electrode) / left_before
-            if electrode in self._ceilings:
-                self._ceilings[electrode].lower(pulse.current_ua, left, now_ns)
-            else:
-                self._ceilings[electrode] = FiredCeiling(pulse.current_ua, left, now_ns)
+    def _let_rise(
+        self, said: SayFelt, answer: Answer, about: Sequence[int], now_ns: int
+    ) -> FeltDone:
+        """What is wanted rises. Where more is wanted than fired, only a ceiling's rise is felt."""
+        ceilings = self._ceilings
+        bound_ua = ceilings.binding_ua(about, now_ns)
+        did = self._offsets.hear(answer, said.electrodes, now_ns)
+        rises = ceilings.let_rise(about, now_ns, is_weak=answer == "too_weak")
+        are_cut = all(ceilings.is_limited(electrode) for electrode in about)
+        waits_ns = self._offsets.waits_ns(said.electrodes, now_ns)
+        if did == "nothing" or (are_cut and did != "lowered"):
+            did, waits_ns = "nothing", None
+            if rises:
+                did, waits_ns = "gives_back", ceilings.waits_ns(about, now_ns)
+        later = "" if waits_ns is None else _NOT_BEFORE.format(math.ceil(waits_ns / 1e9))
+        why = _of_ceilings("had passed", bound_ua)
+        if did == "nothing":
+            why = self._why_it_stays(answer, about, why, are_cut=are_cut)
+        why = why or self._why_not_higher(answer, did)
+        return FeltDone(did=did, reason="; ".join(filter(None, (later, why))))
 
-    def _let_ceilings_rise(self, about: Sequence[int], answer: Answer, now_ns: int) -> bool:
-        """Whether any does."""
-        ceilings = [self._ceilings[electrode] for electrode in about if electrode in self._ceilings]
-        is_weak = answer == "too_weak"
-        rising = [ceiling.let_rise(now_ns, is_weak=is_weak) for ceiling in ceilings]
-        return any(rising)
+    def _left(self, electrode: int) -> float:
+        """By the word, of what is asked or of what was fired."""
+        return min(self._offsets.left(electrode), self._ceilings.left(electrode))
 
-    def _why_no_more(self, said: SayFelt, did: Followed, now_ns: int) -> str:
-        about = self._felt_of(said.electrodes, now_ns)
-        if said.answer == "too_strong":
-            return self._of_ceilings(about)
-        least = min((self._offsets.left(electrode) for electrode in about), default=1.0)
+    def _why_it_stays(
+        self, answer: Answer, about: Sequence[int], ceilings: str, *, are_cut: bool
+    ) -> str:
+        """Empty where nothing is lowered that could rise."""
+        least = min((self._left(electrode) for electrode in about), default=1.0)
         if least < HARDLY_ANYTHING:
             return _hardly_anything(least)
-        waits_ns = self._offsets.waits_ns(said.electrodes, now_ns)
-        later = "" if waits_ns is None else _NOT_BEFORE.format(math.ceil(waits_ns / 1e9))
-        why = self._of_ceilings(about)
-        if not why and did == "nothing":
-            why = self._why_lowered_stays(said.answer, about)
-        why = why or self._why_not_higher(said.answer, did)
-        return "; ".join(filter(None, (later, why)))
+        if ceilings:
+            return ceilings
+        if are_cut and (answer == "too_weak" or least < 1.0):
+            return _CUT
+        return self._why_lowered_stays(answer, about)
 
     def _why_lowered_stays(self, answer: Answer, about: Sequence[int]) -> str:
         """Empty where nothing of these is lowered, or it is told otherwise."""
@@ -219,18 +254,6 @@ class Feeling:
             return _DEEP.format(below)
         left = min((self._offsets.left(electrode) for electrode in about), default=1.0)
         return _NAMED.format(left) if answer == "good" and left < 1.0 else ""
-
-    def _of_ceilings(self, about: Sequence[int]) -> str:
-        """The least of them; empty where none of these has one."""
-        each = {
-            electrode: self._ceilings[electrode].most_ua
-            for electrode in about
-            if electrode in self._ceilings
-        }
-        if not each:
-            return ""
-        least = min(each, key=each.__getitem__)
-        return _CEILING.format(int(each[least]), least)
 
     def _why_not_higher(self, answer: Answer, did: Followed) -> str:
         if answer != "too_weak" or did not in ("gives_back", "nothing"):
@@ -257,14 +280,12 @@ class Feeling:
                 raise Refused(
                     "wrong_state",
                     f"electrode {electrode} was not fired in the last minute"
-                    f"{_what_to_do(self._offsets.left(electrode))}",
+                    f"{_what_to_do(self._left(electrode))}",
                     electrode,
                 )
         if not self._offsets.felt(now_ns):
-            raise Refused(
-                "wrong_state",
-                f"nothing was fired in the last minute{_what_to_do(max(self._offsets.factors()))}",
-            )
+            most = max(self._left(electrode) for electrode in range(self._count))
+            raise Refused("wrong_state", f"nothing was fired in the last minute{_what_to_do(most)}")
 
     def _felt_of(self, electrodes: Sequence[int] | None, now_ns: int) -> tuple[int, ...]:
         """Those that an answer is about."""
@@ -295,6 +316,11 @@ class Feeling:
 
     # --- reports -----------------------------------------------------------------------------
 
+    def _of_asked(self, electrode: int) -> float:
+        """What words leave of the current that was asked of its last pulse."""
+        factor, asked_ua = self._offsets.last_factor(electrode), self._pulses[electrode].asked_ua
+        return min(factor, self._ceilings.most_ua(electrode) / asked_ua) if asked_ua else factor
+
     def facts(self) -> FeltFacts | None:
         """None where nothing was said."""
         if self._last is None and not self.laws_off:
@@ -306,9 +332,17 @@ class Feeling:
             answer=None if said is None else said.answer,
             electrodes=None if said is None else said.electrodes,
             lowers_only=said is not None and said.lease is None,
-            factors=tuple([round(factor, 3) for factor in self._offsets.factors()]),
+            factors=tuple([round(self._of_asked(each), 3) for each in range(self._count)]),
             laws_off=self.laws_off,
         )
+
+
+def _of_ceilings(verb: str, each_ua: Mapping[int, float]) -> str:
+    """The least of them; empty where there is none."""
+    if not each_ua:
+        return ""
+    least = min(each_ua, key=each_ua.__getitem__)
+    return _CEILING.format(verb, int(each_ua[least]), least)
 
 
 def _why_not_raised(calibrations: Sequence[Calibration]) -> str:

@@ -69,8 +69,18 @@ class Findings:
             given_ua = cleared.given.current_ua
             self._soft_start.fired(electrode, given_ua, pulse.commanded_ua, last.ended_ns)
             part = cleared.given.charge_pc / max(1, due.scheduled.request.charge_pc)
-            wanted_ua = self._wanted_ua(due, cleared, last.ended_ns)
-            self._feeling.fired(electrode, part, last.ended_ns, given_ua, wanted_ua)
+            asked_ua, wanted_ua = self._asked_wanted_ua(due, cleared, last.ended_ns)
+            lowered_by = None if cleared.clamp is None else cleared.clamp.reason
+            self._feeling.fired(
+                electrode,
+                part,
+                last.ended_ns,
+                given_ua,
+                wanted_ua,
+                asked_ua,
+                by_array=lowered_by == "soft_start",
+                by_own=lowered_by == "recontact",
+            )
         begun_ns, is_at_end = first.begun_ns, pulse.shape.has_end_sample
         was_touched = contact.is_touched[electrode]
         if contact.update(
@@ -91,17 +101,18 @@ class Findings:
         if due.purpose != "contact_poll":
             self._pre_probe.was_followed(electrode)
 
-    def _wanted_ua(self, due: DuePulse, cleared: Cleared, now_ns: int) -> int:
-        """What was asked for of this pulse and left by the person's word, before any other limit,
-        also where a cap left less of a rise.
+    def _asked_wanted_ua(self, due: DuePulse, cleared: Cleared, now_ns: int) -> tuple[int, int]:
+        """What was asked for of this pulse, and what the person's word made of that, before any
+        other limit, also where a cap left less of a rise.
         """
         electrode, current_ua = due.scheduled.electrode, cleared.request.current_ua
         bounds = due.scheduled.bounds
         factor = self._feeling.factor(electrode, now_ns)
         if factor > 1.0 and bounds.may_be_raised:
-            return max(current_ua, int(bounds.current_ua * factor))
+            wanted_ua = max(current_ua, int(bounds.current_ua * factor))
+            return int(wanted_ua / factor), wanted_ua
         left_ua = self._feeling.word_ua(electrode, current_ua, may_be_raised=bounds.may_be_raised)
-        return current_ua if left_ua is None else left_ua
+        return current_ua, current_ua if left_ua is None else left_ua
 
     def report(
         self,

@@ -14,15 +14,13 @@ from msgspec import Meta
 from etd.protocol.frame import MAX_ELECTRODES
 from etd.stabilize.offset_estimate import Answer
 from etd.stabilize.said import Followed
+from etd.stabilize.said_electrode import HARDLY_ANYTHING as HARDLY_ANYTHING
 
 #: Electrodes that an answer is about.
 Named = Annotated[
     tuple[Annotated[int, Meta(ge=0, lt=MAX_ELECTRODES)], ...],
     Meta(min_length=1, max_length=MAX_ELECTRODES),
 ]
-
-#: A factor that rises by 5 % a minute does not come back from below this within an hour.
-HARDLY_ANYTHING = 0.05
 
 
 class FeltDone(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,9 +35,9 @@ class FeltDone(msgspec.Struct, frozen=True, kw_only=True):
 
 class FeltFacts(msgspec.Struct, frozen=True, kw_only=True):
     """`answers`: how many since arming. The last one was said at `said_ns`, of these `electrodes`
-    (null: all), by the lease's holder or (`lowers_only`) by somebody else. `factors`: on the
-    current of each electrode, as of its last pulse. `laws_off`: why laws by resistance are off
-    until the lease ends; empty: they are not.
+    (null: all), by the lease's holder or (`lowers_only`) by somebody else. `factors`: what these
+    words leave of the current that was asked of each electrode, as of its last pulse. `laws_off`:
+    why laws by resistance are off until the lease ends; empty: they are not.
     """
 
     answers: int

@@ -16,7 +16,8 @@ like any other: the limits come after it.
   say *good* all the time. Only what was lowered comes back so; where raising is allowed, *too weak*
   takes it above the frame's own, and never above 1.2.
 - A fall within what is called good anyway (`BAND`) is given back by them, since no answer tells it
-  from the frame's own strength; a deeper one only as far as the estimate rises.
+  from the frame's own strength; a deeper one only as far as the estimate rises; and one that has
+  left hardly anything not at all.
 - The same said of the same again within half a minute is one answer, but after *too strong*.
 - *Good* may take from a rise above the frame's own, where less is expected by now; otherwise
   neither of the two lowers anything. It adds to it only of whom it was measured how fast use is
@@ -99,8 +100,12 @@ class FeltOffsets:
         """The same of a level that answers may raise, of the frame's own: at most 1."""
         return 1.0 if self.is_idle else math.exp(min(self._electrodes[electrode].offset, 0.0))
 
+    def last_factor(self, electrode: int) -> float:
+        """As of its last pulse."""
+        return math.exp(self._electrodes[electrode].offset)
+
     def factors(self) -> tuple[float, ...]:
-        """Of all electrodes, as of the last pulse of each."""
+        """The same of all electrodes."""
         return tuple([math.exp(electrode.offset) for electrode in self._electrodes])
 
     def was_felt(self, electrode: int, now_ns: int) -> bool:
@@ -123,7 +128,7 @@ class FeltOffsets:
         """
         waiting = []
         for each in [one for one in self._those(electrodes) if one.was_felt(now_ns)]:
-            if each.rises and each.rises[-1][0] == now_ns:
+            if each.room.was_taken(now_ns):
                 return None
             if (waits_ns := each.waits_ns(now_ns)) is not None:
                 waiting.append(waits_ns)
@@ -148,7 +153,7 @@ class FeltOffsets:
             self._insisting.contradict()
         felt = [each for each in self._those(electrodes) if each.was_felt(now_ns)]
         is_lowered, rising = False, []
-        for electrode in felt:
+        for electrode in [each for each in felt if not each.is_hardly_anything]:
             before = electrode.offset
             target = electrode.let_go_to(
                 self._wanted(electrode, now_ns),

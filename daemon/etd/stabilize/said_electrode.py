@@ -39,10 +39,14 @@ IN_USE_NS: Final = 2_000_000_000
 #: By how much it is off when a person begins to say that it is weaker than at first: half of what
 #: is called good anyway [design]. It is not known; too little made up for is better than too much.
 WEAKER_AT: Final = BAND / 2.0
+#: What has less than this left does not rise by any word: at 5 % a minute it would not be back
+#: within an hour.
+HARDLY_ANYTHING: Final = 0.05
 #: Less than this is no rise but rounding.
-_LEAST_LOG: Final = 1e-9
+LEAST_LOG: Final = 1e-9
 #: No word takes more than to here: far below what any source fires, and still to divide by.
 _FLOOR_LOG: Final = math.log(1e-6)
+_HARDLY_LOG: Final = math.log(HARDLY_ANYTHING)
 
 
 class Insisting:
@@ -77,6 +81,36 @@ class Insisting:
         if self._last is not None:
             said_ns, took, _ = self._last
             self._last = said_ns, took, said_ns
+
+
+class RiseRoom:
+    """What took of the room of the last minute, when, and how much, as logarithms."""
+
+    __slots__ = ("_taken",)
+
+    def __init__(self) -> None:
+        self._taken: tuple[tuple[int, float], ...] = ()
+
+    def fill(self, now_ns: int) -> None:
+        """Nothing rises within a minute."""
+        self._taken = ((now_ns, RISE_LOG),)
+
+    def take(self, wanted: float, now_ns: int) -> float:
+        """As much of that as there is room for by now."""
+        self._taken = tuple([taken for taken in self._taken if now_ns - taken[0] < MINUTE_NS])
+        by = min(wanted, RISE_LOG - sum([by for _, by in self._taken]))
+        if by <= LEAST_LOG:
+            return 0.0
+        self._taken = (*self._taken, (now_ns, by))
+        return by
+
+    def was_taken(self, now_ns: int) -> bool:
+        """Whether some was just now."""
+        return bool(self._taken) and self._taken[-1][0] == now_ns
+
+    def waits_ns(self, now_ns: int) -> int:
+        """Until there is more."""
+        return self._taken[0][0] + MINUTE_NS - now_ns if self._taken else 0
 
 
 class _Rise:
@@ -120,8 +154,7 @@ class _Use:
 
 class SaidElectrode:
     """`offset`: the logarithm of its factor; `left`: the same of a current that is named, which
-    nothing raises above itself, so that *too strong* takes from that and not from a rise; `rises`:
-    what took of the room of the last minute, when, and how much.
+    nothing raises above itself, so that *too strong* takes from that and not from a rise.
     """
 
     __slots__ = (
@@ -131,7 +164,7 @@ class SaidElectrode:
         "offset",
         "own",
         "rise",
-        "rises",
+        "room",
         "use",
     )
 
@@ -139,7 +172,7 @@ class SaidElectrode:
         self.offset = 0.0
         self.left = 0.0
         self.rise: _Rise | None = None
-        self.rises: tuple[tuple[int, float], ...] = ()
+        self.room = RiseRoom()
         self.fired_ns: int | None = None
         self.use = _Use()
         self.own: OffsetEstimate | None = None
@@ -152,7 +185,7 @@ class SaidElectrode:
         """How much of it use is expected to have taken by now; after *too strong*, no more than
         there is.
         """
-        if self.offset < -_LEAST_LOG:
+        if self.offset < -LEAST_LOG:
             return 0.0
         lost = min(fades_a_minute * self.use.lasts_ns / MINUTE_NS, MOST_LOG)
         return lost if self.use.is_made_up_for else min(lost, max(self.offset, 0.0))
@@ -166,9 +199,14 @@ class SaidElectrode:
 
     def waits_ns(self, now_ns: int) -> int | None:
         """Until there is room for what the last word lets it rise; None: it rises no more."""
-        if self.rise is None or self.rise.by(self.offset) <= _LEAST_LOG:
+        if self.rise is None or self.rise.by(self.offset) <= LEAST_LOG:
             return None
-        return self.rises[0][0] + MINUTE_NS - now_ns
+        return self.room.waits_ns(now_ns)
+
+    @property
+    def is_hardly_anything(self) -> bool:
+        """Whether so little is left that no word gives it back."""
+        return self.left < _HARDLY_LOG
 
     def was_felt(self, now_ns: int) -> bool:
         return self.fired_ns is not None and now_ns - self.fired_ns <= FELT_NS
@@ -185,14 +223,11 @@ class SaidElectrode:
     def _rise(self, now_ns: int) -> None:
         if self.rise is None or now_ns >= self.rise.until_ns:
             return
-        self.rises = tuple([rise for rise in self.rises if now_ns - rise[0] < MINUTE_NS])
-        room = RISE_LOG - sum([by for _, by in self.rises])
-        by = min(self.rise.by(self.offset), room)
-        if by > _LEAST_LOG:
+        by = self.room.take(self.rise.by(self.offset), now_ns)
+        if by > 0.0:
             self.offset += by
             self.left = min(0.0, self.left + by)
             self.rise.left -= by
-            self.rises = (*self.rises, (now_ns, by))
 
     def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool, most: float) -> float:
         """Down where it may go down, and up to `most` as far as there is room. Returns how far it
@@ -216,7 +251,7 @@ class SaidElectrode:
         self.offset = max(self.offset - step, _FLOOR_LOG)
         self.left = max(min(self.left - step, self.offset), _FLOOR_LOG)
         self.rise = None
-        self.rises = ((now_ns, RISE_LOG),)
+        self.room.fill(now_ns)
         self.use.is_made_up_for = False
 
 
