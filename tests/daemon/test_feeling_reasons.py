@@ -89,3 +89,59 @@ def test_too_weak_of_what_is_whole_says_that_nothing_is_raised() -> None:
     done, _ = last_of((40, "too_weak", None))
     assert done.did == "nothing"
     assert "nothing is lowered that could come back" in done.reason
+
+
+def limited(fired_ua: int = 1_000, wanted_ua: int = 3_000) -> tuple[Feeling, int]:
+    """In use for a while, of which another limit leaves less than is asked for."""
+    feeling = Feeling(2, may_raise=False)
+    feeling.lease_begun()
+    for second in range(30):
+        for electrode in (0, 1):
+            feeling.fired(electrode, 1.0, second * S, fired_ua, wanted_ua, wanted_ua)
+    return feeling, 30 * S
+
+
+def hear(feeling: Feeling, answer: Answer, now_ns: int, lease: str | None = "a") -> FeltDone:
+    return feeling.hear(SayFelt(ref=1, answer=answer, lease=lease), now_ns)
+
+
+@pytest.mark.parametrize("answer", ["good", "too_weak"])
+@pytest.mark.parametrize("wanted_ua", [1_000, 3_000])
+def test_where_nothing_is_left_nothing_comes_back_and_that_is_said(
+    answer: Answer, wanted_ua: int
+) -> None:
+    feeling, now_ns = limited(wanted_ua=wanted_ua)
+    for _ in range(2_000):
+        hear(feeling, "too_strong", now_ns, lease=None)
+    done = hear(feeling, answer, now_ns)
+    assert done.did == "nothing"
+    assert done.reason == "too strong has left 0% of the current, and only disarming brings it back"
+
+
+def test_what_another_limit_holds_is_not_raised_and_that_is_said() -> None:
+    feeling, now_ns = limited()
+    done = hear(feeling, "too_weak", now_ns)
+    assert done.did == "nothing"
+    assert "another limit leaves less than is asked for" in done.reason
+    assert hear(feeling, "good", now_ns) == FeltDone(did="nothing")
+
+
+def test_a_ceiling_that_waits_says_so() -> None:
+    feeling, now_ns = limited()
+    hear(feeling, "too_strong", now_ns, lease=None)
+    done = hear(feeling, "good", now_ns + 20 * S)
+    assert done.did == "gives_back"
+    assert done.reason.startswith("it rises in 40 s, if it is fired then")
+    assert "nothing had passed 950 uA at electrode 0" in done.reason
+
+
+def test_a_named_electrode_that_was_never_fired_is_told_from_others() -> None:
+    feeling = Feeling(3, may_raise=False)
+    feeling.fired(0, 1.0, 0, 1_000, 1_000, 1_000)
+    word = SayFelt(ref=1, answer="too_strong", electrodes=(1, 2))
+    done = feeling.hear(word, S)
+    assert done.did == "nothing"
+    assert "name the electrodes that fire" in done.reason
+    assert feeling.factor(1, S) == pytest.approx(0.95), "and that is kept for later"
+    word = SayFelt(ref=1, answer="too_strong", electrodes=(0, 1))
+    assert feeling.hear(word, 90 * S) == FeltDone(did="lowered")

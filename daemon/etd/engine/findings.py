@@ -109,7 +109,10 @@ class Findings:
         bounds = due.scheduled.bounds
         factor = self._feeling.factor(electrode, now_ns)
         if factor > 1.0 and bounds.may_be_raised:
-            wanted_ua = max(current_ua, int(bounds.current_ua * factor))
+            raised, wanted_ua = bounds.raised(factor), current_ua
+            if current_ua >= min(raised.current_ua, cleared.request.current_of(raised.charge_pc)):
+                # Its bounds may have left less of the rise; else stabilizers have asked for less.
+                wanted_ua = max(current_ua, int(bounds.current_ua * factor))
             return int(wanted_ua / factor), wanted_ua
         left_ua = self._feeling.word_ua(electrode, current_ua, may_be_raised=bounds.may_be_raised)
         return current_ua, current_ua if left_ua is None else left_ua
