@@ -105,6 +105,43 @@ def test_two_words_in_a_minute_share_its_room() -> None:
     assert made.most_ua == pytest.approx(800.0 * RISE_A_MINUTE**2)
 
 
+def test_it_binds_for_a_minute_after_a_pulse_at_it() -> None:
+    made = lowered()
+    assert made.binds(NOW_NS + MINUTE_NS)
+    assert not made.binds(NOW_NS + MINUTE_NS + 1)
+    made.fired(799, NOW_NS + 2 * MINUTE_NS)
+    assert not made.binds(NOW_NS + 2 * MINUTE_NS), "a weaker one"
+    made.fired(800, NOW_NS + 3 * MINUTE_NS)
+    assert made.binds(NOW_NS + 4 * MINUTE_NS)
+
+
+def test_a_rise_is_lost_where_it_bound_nothing_for_a_minute() -> None:
+    made = lowered()
+    assert word(made, NOW_NS + 20 * MINUTE_NS // 60, is_weak=True)
+    assert made.waits_ns(NOW_NS + LETS_RISE_NS - 2) is None
+    for after_ns in (LETS_RISE_NS - 1, LETS_RISE_NS):
+        fire(made, NOW_NS + after_ns)
+    assert made.most_ua == pytest.approx(800.0)
+    assert made.waits_ns(NOW_NS + LETS_RISE_NS) is None
+
+
+def test_a_word_that_is_forgotten_is_not_waited_for() -> None:
+    made = lowered()
+    word(made, NOW_NS + 1, is_weak=True)
+    assert made.waits_ns(NOW_NS + 1) == MINUTE_NS - 1
+    fire(made, NOW_NS + MINUTE_NS - 1)
+    assert made.waits_ns(NOW_NS + 1 + LETS_RISE_NS) is None
+    assert made.waits_ns(NOW_NS + LETS_RISE_NS) is not None
+
+
+def test_it_comes_down_to_a_floor_of_which_nothing_is_fired() -> None:
+    made = lowered()
+    for _ in range(3):
+        made.lower(0.0, 1e-300, NOW_NS)
+    assert 0.0 < made.most_ua < 1.0
+    assert not made.let_rise(NOW_NS, is_weak=True)
+
+
 @given(
     steps=st.lists(
         st.tuples(

@@ -171,3 +171,58 @@ def test_it_is_known_which_were_fired() -> None:
     played.fire(1, 1_000)
     assert [played.ceilings.was_fired(electrode) for electrode in ALL] == [True, True, False, False]
     assert [played.ceilings.is_limited(electrode) for electrode in ALL] == [True, *[False] * 3]
+
+
+def test_nothing_was_fired_at_first() -> None:
+    lately = Lately()
+    assert (lately.most_ua, lately.is_limited, lately.fired_ns) == (0, False, None)
+
+
+@pytest.mark.parametrize("second_ua", [990, 998])
+def test_what_the_soft_start_lowers_more_of_stays_known(second_ua: int) -> None:
+    """Frames in turn: the weaker one is whole by and by, the stronger one is not."""
+    played = Played()
+    played.fire(0, 990, 3_000, by_array=True)
+    played.fire(0, second_ua, 1_000, by_array=True)
+    played.fire(0, 1_000)
+    played.too_strong()
+    assert played.most_ua == pytest.approx([900.0] * COUNT)
+
+
+def test_a_soft_start_of_all_that_begins_anew_does_so_at_each() -> None:
+    played = Played()
+    played.fire(0, 3_000)
+    played.fire(0, 500, 3_000, by_array=True)
+    played.fire(1, 600, 3_000, by_array=True)
+    played.too_strong()
+    assert played.most_ua == pytest.approx([450.0, 540.0, 540.0, 540.0])
+
+
+def test_where_another_limit_leaves_still_less_it_is_said_of_that() -> None:
+    played = Played()
+    played.fire(0, 1_000, 3_000)
+    played.too_strong()
+    played.now_ns += 2 * LATELY_NS
+    played.fire(0, 500, 2_700)
+    played.too_strong()
+    assert played.most_ua[0] == pytest.approx(450.0)
+
+
+def test_a_ceiling_of_all_has_bound_nothing_where_weaker_pulses_were_whole() -> None:
+    played = Played()
+    played.fire(0, 1_000, 3_000, by_array=True)
+    played.fire(1, 300)
+    played.too_strong()
+    assert list(played.ceilings.binding_ua(ALL, played.now_ns)) == [0]
+
+
+def test_the_first_that_rises_is_waited_for() -> None:
+    played = Played()
+    for electrode in (0, 1):
+        played.fire(electrode, 1_000, 3_000)
+    played.too_strong(0)
+    played.now_ns += 10 * S
+    played.too_strong(1)
+    played.now_ns += 10 * S
+    assert played.ceilings.let_rise(ALL, played.now_ns, is_weak=True)
+    assert played.ceilings.waits_ns(ALL, played.now_ns) == 40 * S

@@ -12,6 +12,7 @@ from etd.stabilize.said_electrode import (
     ANSWERED_LOWERED_BY,
     AT_ONCE_NS,
     AT_ONCE_TIMES,
+    HARDLY_ANYTHING,
     LOWERED_BY,
     MOST_LOWERED_BY,
 )
@@ -114,3 +115,21 @@ def test_of_one_electrode_it_ends_the_minutes_of_that_one_alone() -> None:
     offsets.hear("too_strong", (0, 1), AT_ONCE_NS + 1)
     once = 1.0 - LOWERED_BY
     assert offsets.factors() == pytest.approx((once**2, once * (1.0 - AGAIN_TIMES * LOWERED_BY)))
+
+
+@pytest.mark.parametrize(("times", "rises"), [(5, True), (6, False)])
+def test_what_has_left_hardly_anything_is_not_given_back(times: int, rises: bool) -> None:
+    offsets = FeltOffsets(1, may_raise=False)
+    offsets.fired(0, 0)
+    for _ in range(times):
+        offsets.hear("too_strong", (0,), 0)
+    left = offsets.factors()[0]
+    assert (left > HARDLY_ANYTHING) == rises
+    for second in range(1, 200):
+        offsets.fired(0, second * S)
+    for minute in range(3, 20):
+        for second in range(60):
+            offsets.fired(0, (60 * minute + second) * S)
+        did = offsets.hear("too_weak", (0,), (60 * minute + 59) * S)
+        assert (did == "gives_back") == rises or did == "nothing"
+    assert (offsets.factors()[0] > left) == rises

@@ -283,14 +283,14 @@ class Display(Connection["zmq.Socket[bytes]"]):
     def felt(self, answer: FeltAnswer, electrodes: Iterable[int] | None = None) -> FeltReply:
         """What the person says of the strength: "too_weak", "good" or "too_strong", of these
         electrodes or of all (None). Too strong lowers at once by 5 %, of all with the lease by 2 %;
-        said again of the same within half a minute by a fifth and then half, within three minutes
-        by twice as much as the time before. Good and too weak give that back at once, by at most
-        5 % in any minute and not within one of too strong. Too weak raises levels above the
-        frame's own, by no more and by 20 % in all, only where the body site allows it
+        again of the same within half a minute by a fifth, then half, within three minutes by twice
+        as much as before. Where a soft start or cap had left less than was asked for, it takes of
+        what was fired in the last seconds, and nothing passes that: no soft start either. Good and
+        too weak give back, at most 5 % a minute, not within one of too strong. Too weak raises
+        levels above the frame's own, by no more and 20 % in all, where the body site allows it
         (`facts.felt_may_raise`; no shipped one does) and the calibration tells that they feel less
-        in use. If it tells how fast, good keeps what is felt: it raises by what a minute of use
-        takes, not after too strong. All is gone when the board is disarmed. Without the lease a
-        program can only lower.
+        in use. If it tells how fast, good makes up for a minute of use, not after too strong. All
+        is gone when the board is disarmed. Without the lease a program can only lower.
         `did` of the reply: "lowered", "gives_back", "raises", "nothing"; `reason`: why no more.
         Raises: Refused (`not_armed`, `other_lease`, `no_lease`; `wrong_state`: not fired in the
         last minute; `bad_message`).

@@ -36,6 +36,8 @@ from etd.stabilize.said_electrode import (
 LATELY_NS: Final = 5_000_000_000
 #: No word takes more than to here, of which nothing is fired: it is still a number to divide by.
 _FLOOR_UA: Final = 0.1
+#: Fired and asked for.
+_NOTHING: Final = (0, 0)
 
 
 class Lately:
@@ -45,7 +47,7 @@ class Lately:
 
     def __init__(self) -> None:
         #: Fired and asked for: since `_begun_ns`, and in as long before.
-        self._now = self._before = (0, 0)
+        self._now = self._before = _NOTHING
         self._begun_ns = 0
         self.fired_ns: int | None = None
 
@@ -54,14 +56,13 @@ class Lately:
         anew, and will rise from here.
         """
         since_ns = now_ns - self._begun_ns
-        if since_ns >= LATELY_NS or self.fired_ns is None:
-            self._before = self._now if since_ns < 2 * LATELY_NS else (0, 0)
-            self._now, self._begun_ns = (0, 0), now_ns
+        if since_ns >= LATELY_NS:
+            self._before = self._now if since_ns < 2 * LATELY_NS else _NOTHING
+            self._now, self._begun_ns = _NOTHING, now_ns
         if by_ramp and fired_ua < self.most_ua:
-            self._now = self._before = (0, 0)
+            self._now = self._before = _NOTHING
         most_ua, asked_ua = self._now
-        if fired_ua > most_ua or wanted_ua > asked_ua:
-            self._now = max(fired_ua, most_ua), max(wanted_ua, asked_ua)
+        self._now = max(fired_ua, most_ua), max(wanted_ua, asked_ua)
         self.fired_ns = now_ns
 
     @property
@@ -123,6 +124,8 @@ class FiredCeiling:
 
     def waits_ns(self, now_ns: int) -> int | None:
         """Until there is room for what the last word lets it rise; None: it rises no more."""
+        if now_ns >= self._until_ns or not self.binds(now_ns):
+            return None
         if math.log(self._goal_ua / self.most_ua) <= LEAST_LOG:
             return None
         return self._room.waits_ns(now_ns)
@@ -173,7 +176,7 @@ class FiredCeilings:
         self._lately[electrode].fired(fired_ua, wanted_ua, now_ns, by_ramp=by_array or by_own)
         asked_ua = wanted_ua if by_array else fired_ua
         self._array.fired(fired_ua, asked_ua, now_ns, by_ramp=by_array)
-        if self._ceilings and (ceiling := self._ceilings.get(electrode)) is not None:
+        if (ceiling := self._ceilings.get(electrode)) is not None:
             ceiling.fired(fired_ua, now_ns)
 
     def was_fired(self, electrode: int) -> bool:
@@ -189,9 +192,9 @@ class FiredCeilings:
         return math.inf if ceiling is None else ceiling.most_ua
 
     def left(self, electrode: int) -> float:
-        """Of what was first too strong: 1 where nothing was."""
+        """Of what was first too strong, or more; 1 where nothing was."""
         ceiling = self._ceilings.get(electrode)
-        return 1.0 if ceiling is None else min(1.0, ceiling.left)
+        return 1.0 if ceiling is None else ceiling.left
 
     def lower(self, left: Mapping[int, float], now_ns: int, *, are_all: bool) -> None:
         """*Too strong* of these electrodes, of which it has left such parts."""

@@ -106,7 +106,7 @@ class FeltOffsets:
 
     def factors(self) -> tuple[float, ...]:
         """The same of all electrodes."""
-        return tuple([math.exp(electrode.offset) for electrode in self._electrodes])
+        return tuple([self.last_factor(electrode) for electrode in range(len(self._electrodes))])
 
     def was_felt(self, electrode: int, now_ns: int) -> bool:
         """Whether it was fired in the last minute."""

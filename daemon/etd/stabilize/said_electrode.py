@@ -224,10 +224,9 @@ class SaidElectrode:
         if self.rise is None or now_ns >= self.rise.until_ns:
             return
         by = self.room.take(self.rise.by(self.offset), now_ns)
-        if by > 0.0:
-            self.offset += by
-            self.left = min(0.0, self.left + by)
-            self.rise.left -= by
+        self.offset += by
+        self.left = min(0.0, self.left + by)
+        self.rise.left -= by
 
     def let_go_to(self, wanted: float, now_ns: int, *, is_weak: bool, most: float) -> float:
         """Down where it may go down, and up to `most` as far as there is room. Returns how far it
