@@ -166,9 +166,12 @@ def test_of_named_returns_each_has_its_part_or_in_the_account_of_the_most_all() 
     wanted_ua = (1_000, 1_000, *[0] * (N - 2))
     made = frame(current_ua=wanted_ua, returns=named, width_us=100, rate_hz=60.0)
     schedule = planner().plan(made).schedule
-    even = NetState([1.0] * N, [0.0] * N)
-    assert forecast().limit(made, schedule, 1.0, [even]) is None
-    whole = forecast().limit(made, schedule, 1.0, [even._replace(is_named_whole=True)])
+    evenly, at_most = (
+        NetState([1.0] * N, [0.0] * N, is_named_whole=is_whole) for is_whole in (False, True)
+    )
+    assert forecast().limit(made, schedule, 1.0, [evenly]) is None
+    assert NetState([1.0] * N, [0.0] * N) == evenly
+    whole = forecast().limit(made, schedule, 1.0, [at_most])
     assert whole is not None
     assert whole.electrode == 2
 
