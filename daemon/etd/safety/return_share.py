@@ -31,8 +31,9 @@ REFRESH_NS, _SOON_NS = 250_000_000, 2_000_000
 #: A path that resists less than this part of what was taken over is taken over soon, too: by less
 #: the shares are hardly other ones.
 _HARDLY_LESS = 0.9
-#: How much larger than the likely part the way back is taken, for what it adds to a rise.
-_WAY_BACK = 2.0
+#: How much more than likely the way back is taken to resist, for what it adds to a rise. It is
+#: 1 / (1 - x) of all together, which the own part changes little.
+_WAY_BACK = 1.25
 #: The weight of an electrode that may carry the whole current, whatever the others conduct.
 _WHOLE = 1e9
 #: An own resistance that is not bounded, and the path when it was found.
@@ -267,11 +268,12 @@ class ReturnShare:
         """Of those that are known, in their order: the likely ones, and the most."""
         best_s = [_inverse(reading.least_ohm) for reading in readings]
         worst_s = [_inverse(reading.most_ohm) for reading in readings]
-        likely = likely_parts([_between(*both) for both in zip(worst_s, best_s, strict=True)])
+        between_s = [_between(*both) for both in zip(worst_s, best_s, strict=True)]
+        likely = likely_parts(between_s)
         # The rise takes longer by the way back, which is that part of the path.
         paths_ohm = [
-            self._meter.most_ohm(reading, _WAY_BACK * part * reading.most_ohm)
-            for reading, part in zip(readings, likely, strict=True)
+            self._meter.most_ohm(reading, _WAY_BACK * part * _inverse(path_s))
+            for reading, part, path_s in zip(readings, likely, between_s, strict=True)
         ]
         return likely, most_parts([_inverse(ohm) for ohm in paths_ohm], best_s)
 
