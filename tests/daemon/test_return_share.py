@@ -349,6 +349,29 @@ def test_where_nothing_is_bounded_one_may_carry_all() -> None:
     assert min(most) == pytest.approx(0.5)
 
 
+def test_where_the_converter_tells_nothing_all_are_alike() -> None:
+    """Between nothing and a step of it, which is less than any contact resists."""
+    sharing = ReturnShare(16, METER)
+    for electrode in range(16):
+        unread = changed(exact(80.0, 2_000.0), least_ohm=0.0)
+        sharing.update(electrode, True, START_NS, unread)
+    sharing.refresh(START_NS)
+    likely, most = sharing.parts(START_NS)
+    assert likely == pytest.approx([1 / 16] * 16)
+    assert max(most) < 1.01 / 16
+
+
+def test_a_path_that_takes_no_current_for_certain_has_no_part() -> None:
+    """The leak takes all of it."""
+    sharing = seen(*[EVEN] * 8)
+    none = changed(exact(1e7), least_ohm=math.inf, most_ohm=math.inf)
+    sharing.update(7, True, START_NS + REFRESH_NS, none)
+    sharing.refresh(START_NS + REFRESH_NS)
+    likely, most = sharing.parts(START_NS + REFRESH_NS)
+    assert max(likely[7], most[7]) < 1e-3
+    assert likely[:7] == pytest.approx([1 / 7] * 7, rel=0.02)
+
+
 def test_where_nothing_touches_all_are_alike() -> None:
     sharing = seen(None, None)
     assert sharing.parts(START_NS) == ([0.5] * 2, [0.5] * 2)

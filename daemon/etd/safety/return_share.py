@@ -31,6 +31,10 @@ REFRESH_NS, _SOON_NS = 250_000_000, 2_000_000
 #: A path that resists less than this part of what was taken over is taken over soon, too: by less
 #: the shares are hardly other ones.
 _HARDLY_LESS = 0.9
+#: What any path resists [design]: where the ADC tells nothing, all are alike. A disk of 5 mm on
+#: saline (0.7 ohm m) has 70 ohm, on tissue four times that, one of 1 mm five times either. And
+#: what none is read to resist more than.
+_LEAST_OHM, _MOST_OHM = 100.0, 1e9
 #: How much more than likely the way back is taken to resist, for what it adds to a rise. It is
 #: 1 / (1 - x) of all together, which the own part changes little.
 _WAY_BACK = 1.25
@@ -266,16 +270,16 @@ class ReturnShare:
 
     def _parts_of(self, readings: Sequence[Reading]) -> tuple[list[float], list[float]]:
         """Of those that are known, in their order: the likely ones, and the most."""
-        best_s = [_inverse(reading.least_ohm) for reading in readings]
-        worst_s = [_inverse(reading.most_ohm) for reading in readings]
+        best_s = [_conducts_s(min(reading.least_ohm, _MOST_OHM)) for reading in readings]
+        worst_s = [_conducts_s(reading.most_ohm) for reading in readings]
         between_s = [_between(*both) for both in zip(worst_s, best_s, strict=True)]
         likely = likely_parts(between_s)
         # The rise takes longer by the way back, which is that part of the path.
         paths_ohm = [
-            self._meter.most_ohm(reading, _WAY_BACK * part * _inverse(path_s))
+            self._meter.most_ohm(reading, _WAY_BACK * part / path_s)
             for reading, part, path_s in zip(readings, likely, between_s, strict=True)
         ]
-        return likely, most_parts([_inverse(ohm) for ohm in paths_ohm], best_s)
+        return likely, most_parts([_conducts_s(ohm) for ohm in paths_ohm], best_s)
 
     # --- contact polls ---------------------------------------------------------------------------
 
@@ -297,12 +301,10 @@ class ReturnShare:
         return False
 
 
-def _inverse(ohm: float) -> float:
-    return 1.0 / ohm if ohm > 0.0 else math.inf
+def _conducts_s(path_ohm: float) -> float:
+    return 1.0 / max(path_ohm, _LEAST_OHM)
 
 
 def _between(least_s: float, most_s: float) -> float:
-    """Of what has no bound on one side, the other one."""
-    if most_s == math.inf:
-        return least_s
+    """Of a path that may resist anything, what it conducts at most."""
     return math.sqrt(least_s * most_s) if least_s > 0.0 else most_s
