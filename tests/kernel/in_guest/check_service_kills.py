@@ -34,6 +34,9 @@ TRACED = tuple(event for event in kernel_trace.EVENTS if event != "spi/spi_trans
 OPENING_NS = 220_000_000
 #: Then the scan comes often enough that it is seldom at rest, and goes on for up to three rounds.
 RATE_HZ = 40
+#: The node reads the same whatever flows, which is no skin: strong pulses of one polarity that some
+#: electrodes had already would seem to come back through these.
+CURRENT_UA = 200
 SCANNED_NS = 75_000_000
 #: By then it must be safe; the next engine starts later (RestartSec=).
 SAFE_WITHIN_NS = 1_500_000_000
@@ -108,9 +111,9 @@ def kill(scanned_ns: int) -> Kill:
     """
     pid = scene.main_pid(ENGINE)
     assert pid > 0, "there is no engine"
-    with scene.showing([1_000] * 64) as display, above_the_engine():
+    with scene.showing([CURRENT_UA] * 64) as display, above_the_engine():
         CLOCK.sleep_until_ns(CLOCK.now_ns() + OPENING_NS)
-        display.show_current([1_000] * 64, ttl_ms=1_000, rate_hz=RATE_HZ, allow_slower=True)
+        display.show_current([CURRENT_UA] * 64, ttl_ms=1_000, rate_hz=RATE_HZ, allow_slower=True)
         due_ns = CLOCK.now_ns() + scanned_ns
         CLOCK.sleep_until_ns(due_ns)
         os.kill(pid, signal.SIGKILL)
