@@ -138,7 +138,7 @@ bench-calibrate: $(VENV)/ready-dev ## Calibrate persons who answer badly, and wh
 	$(BIN)/python tests/bench/calibrate_persons.py
 	$(BIN)/python tests/bench/calibrate.py $(ARGS)
 
-bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes)
+bench-steady: $(VENV)/ready-dev ## What each stabilizer gives and takes on bodies that disagree; an hour, goes on where it was cut (ARGS=--short: minutes; ARGS=--unbroken: the nearest law, whole)
 	$(BIN)/python tests/bench/steady_bodies.py $(ARGS)
 
 campaign: $(VENV)/ready-dev ## Every fault that the fake can show, at every place of a person's use; goes on where it was cut (ARGS='--part 100': minutes)

@@ -3,7 +3,7 @@
 Owns: what is played, in which order, and how it is shown. What is felt is modelled: nobody is
 measured. Exit status 1 where a law is out of bounds on a body that is not among its documented
 exclusions (`steady_exclusions.toml`); where one that ships or is recommended has any, is out on any
-body, or was not played; where what was asked for was not all played; and, in the whole form, where
+body, or was not played; where what was asked for was not all played; and, with 64 electrodes, where
 the law by the finger's own k does not halve the variation of the body whose feeling follows
 resistance. A run that was cut continues where it stopped.
 Must not know: how a run is made, how a figure is counted, what is out of bounds.
@@ -64,16 +64,19 @@ from bench.steady_laws import (  # noqa: E402
 from bench.steady_skin import PIECE_S  # noqa: E402
 from etd_body.kinds import BodyKind  # noqa: E402
 
-#: 64 electrodes for all of ten minutes cost three to five minutes of a processor for a law, a body
-#: and a finger: twelve hours in all. Eight pieces of 9.6 s, spread over the ten minutes, take an
-#: hour on two cores.
+#: 64 electrodes for all of ten minutes cost minutes of a processor for a law, a body and a finger:
+#: many hours in all. Eight pieces of 9.6 s, spread over the ten minutes, take an hour on two cores.
 FULL = Form("full", 64, 10.0, 8)
 SHORT = Form("short", 8, 10.0, 4)
+UNBROKEN = Form("unbroken", 64, 10.0, None)
 #: What is played with 64 electrodes, what is nearest to a recommendation first: an hour has no room
 #: for what differs little from these.
 FULL_LAWS = (
     *(NONE, *SHIPPED, OWN, OWN_AHEAD, "power_law", "energy", CONTACT, CONTACT_AHEAD, ENERGY_AHEAD),
 )
+#: What ships, and what is nearest to a recommendation.
+UNBROKEN_LAWS = (NONE, *SHIPPED, OWN)
+LAWS_OF = {FULL: FULL_LAWS, SHORT: FOR_SHORT, UNBROKEN: UNBROKEN_LAWS}
 Found = dict[tuple[BodyKind, str, int], SteadyFigures]
 
 
@@ -213,7 +216,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="bench-steady", description=(__doc__ or "").split("\n")[0]
     )
-    parser.add_argument("--short", action="store_true", help="8 electrodes, four pieces: minutes")
+    how_much = parser.add_mutually_exclusive_group()
+    how_much.add_argument("--short", action="store_true", help="8 electrodes, four pieces: minutes")
+    how_much.add_argument(
+        "--unbroken",
+        action="store_true",
+        help="all of the ten minutes, no law and the law by the finger's own k",
+    )
     parser.add_argument("--seeds", type=int, nargs="+", help="the fingers")
     parser.add_argument("--only", nargs="+", choices=LAWS)
     parser.add_argument("--bodies", type=BodyKind, nargs="+", default=list(BodyKind))
@@ -228,9 +237,9 @@ def main() -> int:
         help="write what was found, of all laws and bodies, into page and README",
     )
     args = parser.parse_args()
-    form = SHORT if args.short else FULL
+    form = SHORT if args.short else UNBROKEN if args.unbroken else FULL
     seeds = args.seeds or list(fresh_seeds.TESTED if args.short else fresh_seeds.STEADY)
-    all_laws = FOR_SHORT if args.short else FULL_LAWS
+    all_laws = LAWS_OF[form]
     only = args.only or list(all_laws)
     if args.write_docs and (set(all_laws) - set(only) or set(BodyKind) - set(args.bodies)):
         parser.error("--write-docs is for all laws of the form on all bodies")
@@ -243,7 +252,7 @@ def main() -> int:
     said = conditions(form, played, len(found), len(wanted))
     fingers = worst_fingers(found) if len(played) > 1 else []
     bounds = judged(form.name, made, known, len(set(wanted)) - len(found))
-    if form is FULL and not args.only:
+    if form is not SHORT and not args.only:
         bounds.append(halved(made))
     console = Console(width=None if sys.stdout.isatty() else 210)
     if args.json:

@@ -22,6 +22,9 @@ _BEGIN, _END = "<!-- written by make bench-finger -->\n", "<!-- so far -->\n"
 HARMS = {
     "full": ("<!-- written by make bench-steady -->\n", "<!-- so far, full -->\n"),
     "short": ("<!-- written by make bench-steady ARGS=--short -->\n", "<!-- so far, short -->\n"),
+    "unbroken": (
+        *("<!-- written by make bench-steady ARGS=--unbroken -->\n", "<!-- so far, unbroken -->\n"),
+    ),
 }
 #: The documented ones.
 EXCLUSIONS = ("<!-- written from steady_exclusions.toml -->\n", "<!-- so far, excluded -->\n")
@@ -68,12 +71,13 @@ def write_harms(
 def write_exclusions(page: Path, known: Mapping[str, Excluded]) -> None:
     """The documented ones, as a table. Raises: ValueError, where the marks are not there."""
     head = (
-        "| law | out of bounds with 64 electrodes on | with 8 (short form) on | why |\n"
-        f"|{'---|' * 4}\n"
+        "| law | out of bounds with 64 electrodes on | with 8 (short form) on"
+        f" | with 64, unbroken, on | why |\n|{'---|' * 5}\n"
     )
     rows = (
         f"| `{law.removesuffix(', own k')}`{excluded.by and f', {excluded.by}'}"
-        f" | {_listed(excluded.full)} | {_listed(excluded.short)} | {excluded.why} |\n"
+        f" | {_listed(excluded.full)} | {_listed(excluded.short)} | {_listed(excluded.unbroken)}"
+        f" | {excluded.why} |\n"
         for law, excluded in known.items()
     )
     put(page, EXCLUSIONS[0], f"\n{head}{''.join(rows)}\n", EXCLUSIONS[1])

@@ -1,8 +1,8 @@
 """What README.md and docs/stabilization.md open with: the worst that any law did on any body.
 
-Owns: reading the tables that `make bench-steady` wrote into the page, of both forms, and the
+Owns: reading the tables that `make bench-steady` wrote into the page, of all forms, and the
 sentences between two marks of either file, which nobody writes by hand. The page is what is read,
-so that a run of one form tells the worst of both.
+so that a run of one form tells the worst of all.
 Must not know: how a run is made, what is out of bounds, how a table is written.
 """
 
@@ -27,7 +27,7 @@ _FIGURES = re.compile(r"(\d+)%, (\d+)%, (\d+)")
 class Told:
     """One law on one body, as a table of the page has it: whole percent."""
 
-    #: As the table's conditions begin: "8 electrodes".
+    #: As the table's conditions begin: "8 electrodes"; with the form's name, where it is unbroken.
     of: str
     law: str
     body: str
@@ -52,6 +52,7 @@ def told(text: str, form: str) -> list[Told]:
     rows = [[cell.strip(" *") for cell in line.split("|")[1:-1]] for line in lines]
     if conditions is None or len(rows) < 2:
         raise ValueError(f"no table of the {form} form")
+    of = f"{conditions[0]}, {form}" if form == "unbroken" else conditions[0]
     (_, *bodies), (_, *plain), *laws = rows
     found: list[Told] = []
     for law, *cells in laws:
@@ -59,7 +60,7 @@ def told(text: str, form: str) -> list[Told]:
             without, left = _FIGURES.match(before), _FIGURES.match(cell)
             if without and left:
                 figures = (int(one[number]) for number in (1, 2) for one in (without, left))
-                found.append(Told(conditions[0], law, body, *figures))
+                found.append(Told(of, law, body, *figures))
     return found
 
 

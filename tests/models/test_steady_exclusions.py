@@ -11,7 +11,7 @@ import pytest
 
 from bench import steady_bodies, steady_docs, steady_opening
 from bench.fresh_seeds import TESTED
-from bench.steady_bodies import FULL, FULL_LAWS, SHORT, judged, write_docs
+from bench.steady_bodies import LAWS_OF, UNBROKEN, judged, write_docs
 from bench.steady_cells import Form, played_by
 from bench.steady_exclusions import (
     FILE,
@@ -23,7 +23,7 @@ from bench.steady_exclusions import (
 )
 from bench.steady_figures import SteadyFigures
 from bench.steady_harm import BOUND, Harm, harms, worst_fingers
-from bench.steady_laws import CONTACT, FOR_SHORT, NONE, OWN
+from bench.steady_laws import CONTACT, NONE, OWN
 from etd_body.kinds import BodyKind
 
 PLAIN = SteadyFigures(NONE, 2.0, 0.1, 0.1, 0.05, 0.0, 0, 0, 0.9, None, None, 0, 0, 0, 0, 1_000)
@@ -68,8 +68,9 @@ def test_a_run_that_was_cut_does_not_hold() -> None:
 
 def test_every_law_that_a_form_plays_is_documented_for_it() -> None:
     known = documented()
-    assert {law for law in known if known[law].short is not None} == set(FOR_SHORT) - {NONE}
-    assert {law for law in known if known[law].full is not None} == set(FULL_LAWS) - {NONE}
+    for form, laws in LAWS_OF.items():
+        documented_for_it = {law for law in known if known[law].by_form[form.name] is not None}
+        assert documented_for_it == set(laws) - {NONE}
 
 
 @pytest.mark.parametrize(
@@ -124,7 +125,7 @@ def test_the_worst_finger_of_a_law_is_told_where_the_pooled_ones_are_within_the_
     assert not any(harm.is_out for harm in harms(found))
 
 
-@pytest.mark.parametrize("form", [FULL, SHORT])
+@pytest.mark.parametrize("form", LAWS_OF)
 def test_a_form_writes_its_table_the_exclusions_and_what_both_files_open_with(
     form: Form, tmp_path: Path
 ) -> None:
@@ -138,11 +139,12 @@ def test_a_form_writes_its_table_the_exclusions_and_what_both_files_open_with(
     fingers = worst_fingers(found)
     write_docs(page, readme, form.name, harms(found), said, fingers, KNOWN)
     written = page.read_text(encoding="utf-8")
-    worst = f"from 10 to 900 % with {form.electrodes} electrodes (`{CONTACT}` on `area`)"
+    of = f"{form.electrodes} electrodes{', unbroken' if form is UNBROKEN else ''}"
+    worst = f"from 10 to 900 % with {of} (`{CONTACT}` on `area`)"
     assert worst in " ".join(readme.read_text(encoding="utf-8").split())
-    assert f"With {form.electrodes} electrodes: `{CONTACT}`, from 10 to 900 % on `area`" in written
+    assert f"With {of}: `{CONTACT}`, from 10 to 900 % on `area`" in written
     assert f"- {CONTACT}: 90.00, 1.00, 1.00 on `adapting`, finger 1\n" in written
-    assert f"| `{CONTACT}` | not played | `{OUT}` | as it is |" in written
+    assert f"| `{CONTACT}` | not played | `{OUT}` | not played | as it is |" in written
     again = written
     write_docs(page, readme, form.name, harms(found), said, fingers, KNOWN)
     assert page.read_text(encoding="utf-8") == again
