@@ -51,6 +51,8 @@ class _World:
         config = GatewayConfig(name="fuzz", runtime_folder=self.folder, state_dir=root / "state")
         self.gateway = Gateway(config, self.clock, self._read_clocks, reader=read_in_place(config))
         self.clients: list[socket.socket] = []
+        #: Whether the engine has a stop that it has not answered.
+        self.is_stopping = False
         self._judged = 0
         self._lease = b""
         self._last_seq = -1
@@ -74,6 +76,8 @@ class _World:
         heard = self.engine.heard[self._judged :]
         self._judged = len(self.engine.heard)
         for message in heard:
+            if isinstance(message, StopNow):
+                self.is_stopping = self.engine.answer is not full_answer
             if isinstance(message, OpenLease):
                 self._lease, self._last_seq = message.lease.encode(), -1
             elif isinstance(message, NewFrame):
@@ -173,7 +177,8 @@ def _judge_end(world: _World) -> None:
     if status["status"]["engine"] == "there":
         before = _stops(world)
         world.ask({"op": "stop"})
-        assert _stops(world) == before + 1
+        # One that is under way may take the next one in.
+        assert _stops(world) - before in ((0, 1) if world.is_stopping else (1,))
 
 
 def _stops(world: _World) -> int:
@@ -192,6 +197,7 @@ def _seeds() -> Iterator[bytes]:
         yield connect[0] + _opened() + _piece(3, data)
         yield connect[0] + connect[1] + _opened() + bytes([3, 1]) + _piece(3, data)[2:]
     yield connect[2] + _piece(3, b"\x01state") + bytes([9])
+    yield connect[0] + bytes([7, 1]) + _piece(3, b'"op":"stop"}')
     for message in engine_messages():
         if len(message) < 512:
             yield (
