@@ -61,13 +61,13 @@ def exactly(least_s: list[float], one: int, most_own_s: float) -> float:
     st.lists(st.floats(0.5, 1.5), min_size=8, max_size=40),
     st.floats(1.0, 4.0),
 )
-def test_the_most_is_hardly_more_than_exactly(own: list[float], times: float) -> None:
+def test_the_most_is_exact_or_an_eighth_more_at_the_most(own: list[float], times: float) -> None:
     """Where none may have a third of all."""
     least_s = [1e-5 * one for one in own]
     for one, most in enumerate(most_parts(least_s, [times * one_s for one_s in least_s])):
         wanted = exactly(least_s, one, times * least_s[one])
         if wanted < 0.33:
-            assert wanted * (1 - 1e-4) <= most <= wanted * 1.02
+            assert wanted * (1 - 1e-4) <= most <= wanted * 1.125
 
 
 @pytest.mark.parametrize("times", [3.0, 4.0, 5.0, 5.9])
