@@ -51,8 +51,9 @@ _READY_WITHIN_NS = 30_000_000_000
 _RATE_HZ = 20.0
 _TTL_MS = 1_000
 #: At p99.9: alone in its process the scan waits 1 to 27 us, as the witness interrupts it, beside
-#: threads 63 to 82; on a host that is busy as well.
-_LOCK_WAIT_US = 45.0
+#: threads 63 to 82; on a host that is busy as well. A faster machine has 1, and 29 to 40: beside
+#: threads as much is seen as a busy host has without them.
+_LOCK_WAIT_US, _SEEN_US = 45.0, 20.0
 #: A halt is stamped when the board has been made safe: its whole chain was written.
 _NOTED_NS = 5_000_000
 #: Of the time: where more of it excuses a halt than this, the verdict would be chance.
@@ -96,8 +97,8 @@ class Found:
             reached_ns = max(reached_ns, until_ns)
         return excused_ns / (self.seconds * 1e9)
 
-    def waits_for_the_lock(self) -> bool:
-        return self.figures[wall_scan.LOCK_WAITS]["p99.9"] > _LOCK_WAIT_US
+    def waits_for_the_lock(self, most_us: float = _LOCK_WAIT_US) -> bool:
+        return self.figures[wall_scan.LOCK_WAITS]["p99.9"] > most_us
 
     def sentences(self) -> list[str]:
         told = [f"{self.seconds:.0f} s, {self.shown_s:.0f} of them shown"]
@@ -285,7 +286,7 @@ def verdict(found: Found, with_threads: bool) -> int:
         )
         return 3
     if with_threads:
-        return 0 if found.waits_for_the_lock() else 1
+        return 0 if found.waits_for_the_lock(_SEEN_US) else 1
     return 1 if found.unexcused() or found.waits_for_the_lock() else 0
 
 
