@@ -1,4 +1,4 @@
-"""What was too strong is taken from what is stored, and nothing rises, whoever stored it."""
+"""What was too strong is taken from what is stored; what another program stored never rises."""
 
 from __future__ import annotations
 

@@ -11,9 +11,10 @@ passed the skin stays passed. See docs/decisions/0077.
 
 How returns share is known within bounds only: while the capacitance of the skin charges, each
 carries about as much as any other; after that, by conductance. So there are three accounts: with
-even parts, with those of the measured conductances, and with the most that each return may conduct
-beside the others as measured. Each keeps the bound; what lies between ways to share leaves a charge
-between their accounts.
+even parts, with those that paths make likely, and with the most that each return may have beside
+the others' likely parts, where one that a pulse names may carry all of it. Each keeps the bound;
+what lies between ways to share leaves a charge between their accounts. Of `conducts_s` and
+`beside_s` only ratios count: they may be parts of all, or S.
 """
 
 from __future__ import annotations
@@ -184,7 +185,7 @@ class NetCharge:
         self._better: set[int] = set()
 
     def set_conductances(self, conducts_s: Sequence[float], most_s: Sequence[float]) -> None:
-        """By electrode, in S, as they were measured, and the most that each may be; from now on
+        """By electrode, in any unit, what it likely conducts and the most that it may; from now on
         returns share by these.
         """
         self._measured.weigh(conducts_s, conducts_s, self._read)
