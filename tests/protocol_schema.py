@@ -7,6 +7,7 @@ Owns: the shape of `docs/protocol.schema.json` (JSON Schema 2020-12). Must not k
 
 from __future__ import annotations
 
+import inspect
 import sys
 from typing import Any, get_args
 
@@ -42,8 +43,15 @@ def make_schema() -> dict[str, Any]:
         "failure": made[1],
         "replies": {op: reference[str(kind)] for op, kind in REPLY_OF_OP.items()},
         "telemetry": {topic: reference[str(kind)] for topic, kind in TELEMETRY_OF_TOPIC.items()},
-        "$defs": dict(sorted(components.items())),
+        "$defs": {name: _described(made) for name, made in sorted(components.items())},
     }
+
+
+def _described(made: dict[str, Any]) -> dict[str, Any]:
+    """A docstring without its indentation, whether the library leaves that or not."""
+    if "description" not in made:
+        return made
+    return {**made, "description": inspect.cleandoc(made["description"])}
 
 
 def schema_text() -> str:
