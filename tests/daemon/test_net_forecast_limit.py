@@ -226,3 +226,17 @@ def test_a_pulse_that_is_more_than_the_bound_has_no_rate_that_lasts() -> None:
     limit = forecast(0.2).limit(made, schedule, 1.0, ())
     assert limit is not None
     assert (limit.after_s, limit.lasting_hz) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("cap_ua", "has_limit"), [(2_000, True), (100, False)])
+def test_what_a_cap_leaves_counts_and_not_what_was_asked(cap_ua: int, has_limit: bool) -> None:
+    capped = planner(caps_ua=[cap_ua] * N)
+    asked, allowed = (
+        frame(current_ua=tuple(min(ua, most_ua) for ua in TWO), width_us=100, rate_hz=60.0)
+        for most_ua in (2_400, cap_ua)
+    )
+    limits = [
+        forecast().limit(made, capped.plan(made).schedule, 1.0, ()) for made in (asked, allowed)
+    ]
+    assert limits[0] == limits[1]
+    assert (limits[0] is not None) == has_limit

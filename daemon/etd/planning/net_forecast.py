@@ -150,10 +150,13 @@ class NetForecast:
         return [current - own_s * pool for current, own_s in zip(found, conducts_s, strict=True)]
 
     def _net_pc(self, scheduled: ScheduledPulse) -> int:
-        """Of one visit. A probe goes the way of the first phase."""
+        """Of one visit, never with more than the electrode's cap. A probe goes the way of the first
+        phase.
+        """
         net_pc = scheduled.probe_pc
         if len(scheduled.phases) == 1:
-            net_pc += self._headroom.phase_pc(scheduled.current_ua, scheduled.width_us)
+            current_ua = min(scheduled.current_ua, scheduled.path.cap_ua)
+            net_pc += self._headroom.phase_pc(current_ua, scheduled.width_us)
         return net_pc if scheduled.phases[0] else -net_pc
 
     def _after_s(self, current: float, scan_pc: float, left_pc: float) -> float | None:
