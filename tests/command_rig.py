@@ -51,8 +51,7 @@ class Command:
         """The next line; fails if none comes. "" at the end."""
         pipe = getattr(self.process, stream)
         while b"\n" not in self._unread[stream]:
-            ready, _, _ = select.select([pipe], [], [], WITHIN_S)
-            assert ready, f"no line on {stream} within {WITHIN_S} s"
+            assert is_ready(pipe.fileno()), f"no line on {stream} within {WITHIN_S} s"
             data = os.read(pipe.fileno(), 65_536)
             if not data:
                 return ""
@@ -157,6 +156,15 @@ def command_rig() -> Iterator[CommandRig]:
             rig.close()
 
 
+def is_ready(descriptor: int, within_s: float = WITHIN_S) -> bool:
+    """Whether there is something to read, or an end, by then. Not by `select`: that takes none from
+    1024 on, and rigs of the tests before may hold as many until they are collected.
+    """
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(within_s * 1e3))
+
+
 def wait_for_end(pids: list[int]) -> None:
     """Return when all these processes are gone; fails if they do not go."""
     deadline_ns = clock.now_ns() + int(WITHIN_S * 1e9)
@@ -167,7 +175,6 @@ def wait_for_end(pids: list[int]) -> None:
             continue
         try:
             left_s = max(0.0, (deadline_ns - clock.now_ns()) / 1e9)
-            ready, _, _ = select.select([handle], [], [], left_s)
-            assert ready, f"process {pid} lives on"
+            assert is_ready(handle, left_s), f"process {pid} lives on"
         finally:
             os.close(handle)

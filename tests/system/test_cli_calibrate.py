@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import pty
-import select
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ import msgspec
 import pytest
 
 from calibrate_scenes import ROW
-from command_rig import WITHIN_S, CommandRig, Said, command_rig
+from command_rig import WITHIN_S, CommandRig, Said, command_rig, is_ready
 from etd.calibrate.progress import Progress, save_progress
 from etd.cli import USED_WRONGLY
 from etd.files import resources
@@ -396,8 +395,7 @@ def drawn_until(terminal: int, text: str) -> str:
     """What comes there up to this, colors and all."""
     drawn = ""
     while text not in drawn:
-        ready, _, _ = select.select([terminal], [], [], WITHIN_S)
-        assert ready, f"{text!r} was not drawn, but {drawn!r}"
+        assert is_ready(terminal), f"{text!r} was not drawn, but {drawn!r}"
         drawn += os.read(terminal, 65_536).decode(errors="replace")
     return drawn
 
