@@ -56,5 +56,5 @@ class AtTerminal:
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-            self.process.communicate(timeout=WITHIN_S)
+        self.process.communicate(timeout=WITHIN_S)
         os.close(self._keys)

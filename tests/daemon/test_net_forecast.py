@@ -96,7 +96,7 @@ def test_a_frame_that_asks_for_longer_is_refused_with_what_would_last() -> None:
     assert told.electrode == 3
     exact_s = math.log(14.4 / (14.4 - (10 - 0.24)))
     assert told.lasts_ms == int(1e3 * exact_s)
-    assert told.lasting_hz == pytest.approx(60 * 9.76 / 14.4, abs=0.1)
+    assert told.lasting_hz == pytest.approx(0.8 * 60 * 9.76 / 14.4, abs=0.1)
     filled = NetCharge(N, BOUND_PC)
     filled.add(3, 9e6, None, 0)
     with pytest.raises(Refused) as refusal:

@@ -35,7 +35,7 @@ def shipped() -> Calibration:
 def go_up_to_the_reference(at: AtTerminal) -> None:
     """Up to the first comparison, whose question is on the screen then."""
     while "as strong as the first?" not in (line := at.command.line()):
-        assert line or at.process.poll() is None, "it has ended"
+        assert line, at.command.ended().err
         if "How strong was it?" in line:
             at.press(b"f")
 

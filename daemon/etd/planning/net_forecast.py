@@ -29,6 +29,9 @@ _PC_PER_UC = 1e6
 #: What a ttl is longer, a frame is there for a client that hangs: most are replaced long before.
 #: One that is not is told of, and no pulse of it passes the bound (`safety/ledger.py`).
 _JUDGED_S = DEFAULT_TTL_MS / 1e3
+#: Of the rate that lasts as returns conduct now: the one that is named. They are measured as it is
+#: shown, and the accounts of the ways to share draw apart (docs/decisions/0077).
+_LASTS_ALSO = 0.8
 
 
 class _First(NamedTuple):
@@ -76,7 +79,7 @@ class NetForecast:
             return None
         first = min(firsts, key=lambda it: it.after_s)
         fastest_hz = max(scheduled.rate_hz for scheduled in schedule)
-        lasting_hz = math.floor(10 * fastest_hz * first.lasting_part) / 10
+        lasting_hz = math.floor(10 * _LASTS_ALSO * fastest_hz * first.lasting_part) / 10
         shown_s = min(frame.ttl_ms / 1e3, _JUDGED_S)
         if frame.pulses is not None:
             slowest_hz = min(scheduled.rate_hz for scheduled in schedule)
