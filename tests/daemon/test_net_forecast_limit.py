@@ -241,3 +241,14 @@ def test_what_a_cap_leaves_counts_and_not_what_was_asked(cap_ua: int, has_limit:
     ]
     assert limits[0] == limits[1]
     assert (limits[0] is not None) == has_limit
+
+
+def test_what_ends_at_its_bound_and_not_above_it_lasts() -> None:
+    """6 uA through one return, and 0.1 uC of a pulse above that: 6.1 uC."""
+    named = tuple((1,) if at == 0 else (0,) for at in range(N))
+    made = frame(current_ua=(1_000, *[0] * (N - 1)), returns=named, width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    assert forecast(6.1).limit(made, schedule, 1.0, ()) is None
+    limit = forecast(6.09).limit(made, schedule, 1.0, ())
+    assert limit is not None
+    assert limit.electrode in (0, 1)
