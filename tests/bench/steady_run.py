@@ -65,7 +65,7 @@ Scan = tuple[int, tuple[float, ...], tuple[float, ...]]
 Watching = Callable[[EngineRig, Finger, Sequence[Scan]], None]
 
 
-class _Scans:
+class Scans:
     """At the start of each scan, what was felt of the one before."""
 
     def __init__(self, marker: Marker, finger: Finger, clock: Clock) -> None:
@@ -73,14 +73,28 @@ class _Scans:
         self._finger = finger
         self._clock = clock
         self._scan_ns: int | None = None
+        self._period_ns = 0
         self.found: list[Scan] = []
 
     def mark(self, event: Literal["frame", "mark"], seq: int, tag: int | str | None) -> None:
+        begun_ns = self._clock.now_ns()
+        if self._scan_ns is not None:
+            self._period_ns = begun_ns - self._scan_ns
+        self._begin(begun_ns)
+        self._marker.mark(event, seq, tag)
+
+    def dark(self) -> None:
+        """None has begun for two periods and more: nothing is felt in so many scans."""
+        while (
+            self._scan_ns is not None and self._clock.now_ns() - self._scan_ns > 2 * self._period_ns
+        ):
+            self._begin(self._scan_ns + self._period_ns)
+
+    def _begin(self, begun_ns: int) -> None:
         felt, pain = self._finger.body.take_felt()
         if self._scan_ns is not None:
             self.found.append((self._scan_ns, felt, pain))
-        self._scan_ns = self._clock.now_ns()
-        self._marker.mark(event, seq, tag)
+        self._scan_ns = begun_ns
 
 
 class _Sensed:
@@ -164,10 +178,10 @@ def run(
     finger = steady_skin.finger(
         seed, loaded.board, loaded.array, minutes, pieces, kind, from_s=from_s
     )
-    made: list[_Scans] = []
+    made: list[Scans] = []
 
     def watched(backend: Backend) -> Backend:
-        made.append(_Scans(backend.marker, finger, backend.clock))
+        made.append(Scans(backend.marker, finger, backend.clock))
         return replace(backend, marker=made[0])
 
     rig = engine_rig.make(loaded=loaded, body=finger.body, is_traced=False, wrap=watched)
@@ -191,7 +205,7 @@ def run(
     begun_ns = rig.clock.now_ns()
     finger.course.begin(begun_ns * 1e-9)
     until_ns = begun_ns + int(finger.pieces.engine_s * 1e9)
-    for _ in _held(rig, until_ns, frame):
+    for _ in _held(rig, made[0], until_ns, frame):
         if watching is not None:
             watching(rig, finger, made[0].found)
     counters = dict(rig.engine.components.reporter.counters)
@@ -200,20 +214,22 @@ def run(
     return _kept(finger, made[0], begun_ns, counters)
 
 
-def _held(rig: EngineRig, until_ns: int, frame: dict[str, Any]) -> Iterator[None]:
-    """The same frame, sent anew before it lapses. A report for every pulse of ten minutes is more
-    than anybody reads.
+def _held(rig: EngineRig, scans: Scans, until_ns: int, frame: dict[str, Any]) -> Iterator[None]:
+    """The same frame, sent anew before it lapses. One that is refused for its net charge is dark
+    until it is taken again. A report for every pulse of ten minutes is more than anybody reads.
     """
     while rig.clock.now_ns() < until_ns:
         answer = rig.show(**frame)
-        assert answer.error is None, answer.reason
+        assert answer.error is None or "net charge" in answer.reason, answer.reason
         rig.run_ms(min(_RENEWED_MS, (until_ns - rig.clock.now_ns()) / 1e6))
+        if answer.error is not None:
+            scans.dark()
         yield
         rig.reports.clear()
         rig.others.clear()
 
 
-def _kept(finger: Finger, scans: _Scans, begun_ns: int, counters: dict[str, int]) -> Kept:
+def _kept(finger: Finger, scans: Scans, begun_ns: int, counters: dict[str, int]) -> Kept:
     found = [entry for entry in scans.found if entry[0] >= begun_ns]
     elapsed_s = [(entry[0] - begun_ns) * 1e-9 for entry in found]
     places = [finger.pieces.at(value) for value in elapsed_s]

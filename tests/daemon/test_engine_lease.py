@@ -76,6 +76,35 @@ def test_an_accepted_frame_renews_the_lease(make_rig: MakeRig) -> None:
     assert rig.state == "ARMED"
 
 
+def test_a_frame_that_is_refused_for_what_it_asks_renews_it_too(make_rig: MakeRig) -> None:
+    """Its client lives: what is refused now may be taken in a second, without a new lease."""
+    rig = armed(make_rig(electrodes=N))
+    for _ in range(4):
+        rig.run_ms(700)
+        assert rig.show(current_ua=(9_000,) * N).error == "over_maximum"
+    assert rig.state == "ARMED"
+
+
+@pytest.mark.parametrize(
+    ("asked", "error"),
+    [
+        ({"sent_ns": 1}, "expired"),
+        ({"lease": "foreign"}, "other_lease"),
+        ({"seq": 9}, "old_seq"),
+        ({"current_ua": (100,)}, "bad_frame"),
+    ],
+)
+def test_a_frame_that_is_late_malformed_or_another_client_s_does_not(
+    make_rig: MakeRig, asked: dict[str, object], error: str
+) -> None:
+    rig = armed(make_rig(electrodes=N))
+    assert rig.show(seq=9, current_ua=ALL).error is None
+    rig.run_ms(900)
+    assert rig.show(**{"seq": 10, "current_ua": ALL, **asked}).error == error
+    rig.run_ms(120)
+    assert rig.state == "SAFE"
+
+
 @pytest.mark.parametrize("command", [KeepLease, CloseLease, DisarmBoard, MeasureContact, SetMark])
 @pytest.mark.parametrize(("lease", "error"), [("foreign", "other_lease"), (LEASE, None)])
 def test_what_needs_the_lease_is_refused_to_all_others(

@@ -309,12 +309,13 @@ def take_frame(
             )
         if frame.preview and not message.ref:
             raise Refused("bad_frame", "a preview is its answer: a streamed frame has none")
+        # Its client lives, whether all that it asks can be shown or not.
+        lease.renew(host_ns)
         plan = yield from core.planner.steps(frame, core.outlook())
         _check_still_held(core, lease)
     except Refused as refusal:
         _report_refusal(core, message, refusal)
         return
-    lease.renew(host_ns)
     trigger_ns = core.active.triggered_ns(frame)
     if not frame.preview:
         lease.last_seq = frame.seq
