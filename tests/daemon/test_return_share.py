@@ -37,6 +37,14 @@ def carried(sharing: ReturnShare, electrode: int, now_ns: int) -> list[float]:
     return [min(1.0, share * weight) for other, weight in enumerate(weights) if other != electrode]
 
 
+def test_all_are_known_where_each_was_measured_or_touches_nothing() -> None:
+    sharing, late_ns = seen(EVEN, EVEN, None), START_NS + MAX_AGE_NS + REFRESH_NS
+    assert (sharing.are_all_known, ReturnShare(3, METER).are_all_known) == (True, False)
+    sharing.update(0, True, late_ns, exact(50e3))
+    sharing.refresh(late_ns)
+    assert not sharing.are_all_known
+
+
 def test_where_nothing_is_known_one_return_may_carry_it_all() -> None:
     sharing = ReturnShare(4, METER)
     sharing.refresh(START_NS)

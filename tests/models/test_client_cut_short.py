@@ -14,6 +14,7 @@ from presenting_scenes import SECOND_NS, check, flowed, meanwhile, opened
 from stepped_daemon import SteppedDaemon, SteppedDisplay
 
 WANTED_UA = [0, 0, 0, 2_000, 0, 0, 0, 0]
+STRONG_UA = [0, 0, 0, 2_400, 0, 0, 0, 0]
 OTHER_UA = [0, 0, 0, 0, 0, 1_500, 0, 0]
 
 
@@ -150,3 +151,20 @@ def test_one_that_is_ended_is_told_by_the_end_of_its_frame(daemon: SteppedDaemon
     (why,) = presented.why_not
     assert why.startswith("it was ended after 0.3")
     check(presented, flowed(daemon, presented), WANTED_UA)
+
+
+# --- its net charge -------------------------------------------------------------------------------
+
+
+def test_what_is_refused_while_it_is_shown_is_dark_from_then_on(daemon: SteppedDaemon) -> None:
+    """And not until its ttl: what is said of it is all that was fired."""
+    display = opened(daemon)
+    with pytest.raises(CutShort, match="net charge") as caught:
+        display.play(display.presenting(STRONG_UA, 3.0, 60.0))
+    presented = caught.value.presented
+    assert caught.value.code == "over_maximum"
+    phases = flowed(daemon, presented)
+    check(presented, phases, STRONG_UA)
+    told_s = float(presented.why_not[-1].split("after ")[1].split(" s")[0])
+    assert (phases[-1].from_ns - phases[0].from_ns) / SECOND_NS == pytest.approx(told_s, abs=0.05)
+    assert daemon.now_ns() - phases[-1].from_ns < SECOND_NS // 10

@@ -47,11 +47,16 @@ def holding(
     held_s = values.above_zero_s("seconds", seconds)
     if fields.get("on_trigger"):
         raise Refused("bad_frame", "on_trigger: use present, which goes on after the edge")
-    end_ns = now_ns() + int(held_s * 1e9)
+    end_ns, is_shown = now_ns() + int(held_s * 1e9), False
     try:
         while (left_s := (end_ns - now_ns()) / 1e9) > 0:
             yield session.frame({**fields, "sent_ns": now_ns()})
+            is_shown = True
             yield Pause(min(renewal_s(fields), left_s))
+    except Refused:
+        if is_shown:
+            yield from falling_silent(session, fields, now_ns)
+        raise
     except EtdError:
         raise
     except BaseException:

@@ -155,8 +155,8 @@ class Display(Connection["zmq.Socket[bytes]"]):
         carry. With `on_trigger=True` it then waits for an edge on TRIGGER, for `wait_s` (30 s at
         most), and begins with it: `trigger_ns` and `latency_ns` say when. Ctrl-C ends it silent;
         after a program was killed it goes on for what was asked, for a second at most. Raises:
-        CutShort (`halted`, `no_lease`) with what was fired until then, if it is cut short; Refused
-        (`expired`), if no edge came.
+        CutShort (`halted`, `no_lease`, `over_maximum` for its net charge) with what was fired until
+        then, if it is cut short; Refused (`expired`), if no edge came.
         """
         fields = self._fields("level", levels, options)
         return self._play(presenting(self._session, fields, seconds, clock.now_ns, None, wait_s))

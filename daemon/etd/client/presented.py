@@ -95,7 +95,8 @@ class Presented:
 
 
 class CutShort(Refused):
-    """A presentation was refused while it was shown: by a halt, or with the end of its lease.
+    """A presentation was refused while it was shown: by a halt, with the end of its lease, or for
+    the net charge of an electrode (`over_maximum`).
     Fields: those of `Refused`, and `presented`: what was fired until then.
     """
 
@@ -293,8 +294,7 @@ def _shortfall(shortfall: Shortfall) -> str:
     if shortfall.rate_hz is not None:
         return f"{where}slowed to {shortfall.rate_hz:.1f} Hz ({shortfall.reason})"
     if shortfall.lasts_ms is not None:
-        return (
-            f"{where}its net charge lets the frame last {shortfall.lasts_ms} ms, at"
-            f" {shortfall.lasting_hz or 0.0:.1f} Hz for ever"
-        )
+        hz = shortfall.lasting_hz
+        slower = "" if hz is None else f", at {hz:.1f} Hz for ever"
+        return f"{where}its net charge lets the frame last {shortfall.lasts_ms} ms{slower}"
     return f"{where}{shortfall.pulses} pulses were not fired ({shortfall.reason})"

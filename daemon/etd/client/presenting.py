@@ -56,9 +56,17 @@ class _Showing:
     waits: int | None = None
     #: Of the session, when it began.
     disarms: int = 0
+    #: The program waits for it, and shows nothing beside it.
+    is_alone: bool = False
 
     def __post_init__(self) -> None:
         self.disarms = self.session.numbers.disarms
+        self.is_alone = self.after is None
+
+    @property
+    def is_newest(self) -> bool:
+        """Whether what is shown is its own: silence for it leaves what the program showed since."""
+        return self.is_alone or self.session.numbers.newest_of is self
 
     @property
     def overtaken(self) -> Cut:
@@ -143,8 +151,7 @@ def presenting(
     except EtdError:
         raise
     except BaseException:
-        # What was begun beside the program leaves what that has shown since.
-        if after is None or session.numbers.newest_of is showing:
+        if showing.is_newest:
             yield from falling_silent(session, fields, now_ns)
         raise
     lasted_s = showing.lasted_s(shown_s)
@@ -265,10 +272,12 @@ def _looking(showing: _Showing) -> Course[None]:
 
 
 def _raise_cut_short(showing: _Showing, refusal: Refused, shown_s: float) -> Course[None]:
-    """A halt, say: the daemon still has the accounts. Raises: CutShort; the refusal itself, where
-    nothing was fired, or nothing is known of it.
+    """A halt, say: the daemon still has the accounts. What stands is ended first. Raises: CutShort;
+    the refusal itself, where nothing was fired, or nothing is known of it.
     """
     lasted_s = showing.lasted_s(shown_s)
+    if showing.seqs and showing.is_newest:
+        yield from falling_silent(showing.session, showing.fields, showing.now_ns)
     try:
         yield from showing.collect(0)
     except EtdError:

@@ -140,7 +140,10 @@ class Clearance:
         touched, want = self._contact.is_touched, returns.share.want
         felt_ua = self._feeling.felt_ua if self._feeling.is_lowered else None
         net = self._ledger.net.states(now_ns)
-        return Outlook(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, felt_ua, net)
+        return Outlook(
+            *(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, felt_ua, net),
+            are_returns_known=returns.share.are_all_known,
+        )
 
     def limit(
         self, due: DuePulse, request: PulseRequest, ceiling_ua: int, now_ns: int

@@ -292,12 +292,6 @@ def take_frame(
         check_seq(lease, frame.seq)
         core.states.need("ARMED")
         check_shape(frame, core.loaded.array.count)
-        if frame.on_trigger and core.loaded.board.trigger == "absent":
-            raise Refused(
-                "board_cannot",
-                f"the board {core.loaded.board.name} names no trigger, so a frame cannot wait for"
-                " one: give its line in the board file (docs/hardware.md)",
-            )
         begun_host_ns = _age_from(frame.sent_ns, host_ns, came_host_ns)
         ttl_ns = core.timeouts.ttl_ns(frame.ttl_ms)
         if host_ns >= begun_host_ns + ttl_ns:
@@ -311,6 +305,12 @@ def take_frame(
             raise Refused("bad_frame", "a preview is its answer: a streamed frame has none")
         # Its client lives, whether all that it asks can be shown or not.
         lease.renew(host_ns)
+        if frame.on_trigger and core.loaded.board.trigger == "absent":
+            raise Refused(
+                "board_cannot",
+                f"the board {core.loaded.board.name} names no trigger, so a frame cannot wait for"
+                " one: give its line in the board file (docs/hardware.md)",
+            )
         plan = yield from core.planner.steps(frame, core.outlook())
         _check_still_held(core, lease)
     except Refused as refusal:

@@ -34,17 +34,10 @@ _JUDGED_S = DEFAULT_TTL_MS / 1e3
 _LASTS_ALSO = 0.8
 
 
-class _First(NamedTuple):
-    """The electrode that reaches its bound first, when, and what part of the rates lasts."""
-
-    electrode: int
-    after_s: float
-    lasting_part: float
-
-
 class NetLimit(NamedTuple):
     """Why a frame cannot be shown for ever: the electrode that reaches its bound first and when,
-    the rate that lasts, and for how long the frame is shown as it says itself.
+    the rate of all pulses that lasts (0: none does, or it is not known), and for how long the frame
+    is shown as it says itself.
     """
 
     electrode: int
@@ -63,28 +56,36 @@ class NetForecast:
         self,
         frame: Frame,
         schedule: Sequence[ScheduledPulse],
-        visits: float,
+        slowdown: float,
+        pulses: int,
         states: Sequence[NetState],
+        *,
+        are_returns_known: bool = True,
     ) -> NetLimit | None:
-        """None: these pulses can be shown for ever, whatever is left there already. `visits`: of
-        each electrode for each of the frame's periods. `states`: what is on each electrode now;
-        empty: nothing.
+        """None: these pulses can be shown for ever, whatever is left there already. `slowdown`: the
+        part of their rates that the scan has; `pulses` in a burst. `states`: what is on each
+        electrode now; empty: nothing.
         """
         if not schedule:
             return None
         states = states or (NetState([1.0] * self._count, [0.0] * self._count),)
-        found = [self._first(schedule, visits, state) for state in states]
+        visits_hz = [scheduled.rate_hz * slowdown * pulses for scheduled in schedule]
+        found = [self._first(schedule, visits_hz, state) for state in states]
         firsts = [it for it in found if it is not None]
         if not firsts:
             return None
-        first = min(firsts, key=lambda it: it.after_s)
-        fastest_hz = max(scheduled.rate_hz for scheduled in schedule)
-        lasting_hz = math.floor(10 * _LASTS_ALSO * fastest_hz * first.lasting_part) / 10
+        after_s, electrode = min(firsts)
+        lasting_hz = 0.0
+        # What one electrode gives comes back to no other one as more than that.
+        if are_returns_known or len(schedule) == 1:
+            lasting_hz = min(self._lasting_hz(schedule, pulses, state) for state in states)
+        slowest_hz = min(scheduled.rate_hz for scheduled in schedule)
         shown_s = min(frame.ttl_ms / 1e3, _JUDGED_S)
         if frame.pulses is not None:
-            slowest_hz = min(scheduled.rate_hz for scheduled in schedule)
-            shown_s = min(shown_s, frame.pulses / (slowest_hz * visits))
-        return NetLimit(first.electrode, first.after_s, lasting_hz, shown_s)
+            shown_s = min(shown_s, frame.pulses / (slowest_hz * slowdown * pulses))
+        # A rate for all of them, by which none is raised.
+        named_hz = math.floor(10 * min(_LASTS_ALSO * lasting_hz, slowest_hz)) / 10
+        return NetLimit(electrode, after_s, named_hz, shown_s)
 
     def told(self, limit: NetLimit | None, not_balanced: str = "") -> tuple[Shortfall, ...]:
         """What its reply says of a frame that cannot be shown for ever. `not_balanced`: why it has
@@ -100,33 +101,45 @@ class NetForecast:
             electrode=limit.electrode,
             reason="net_charge",
             lasts_ms=int(limit.after_s * 1e3),
-            lasting_hz=limit.lasting_hz,
+            lasting_hz=limit.lasting_hz or None,
         )
         return (told,)
 
     def _first(
-        self, schedule: Sequence[ScheduledPulse], visits: float, state: NetState
-    ) -> _First | None:
-        """None: these pulses never reach the bound."""
+        self, schedule: Sequence[ScheduledPulse], visits_hz: Sequence[float], state: NetState
+    ) -> tuple[float, int] | None:
+        """When the first electrode reaches the bound, and which; None: never."""
         once_pc, left_pc = [0.0] * self._count, state.left_pc
-        currents = self._currents(schedule, visits, state, once_pc)
-        scan_s = 1.0 / (visits * max(scheduled.rate_hz for scheduled in schedule))
-        found: _First | None = None
+        currents = self._currents(schedule, visits_hz, state, once_pc)
+        scan_s = 1.0 / max(visits_hz)
+        found: tuple[float, int] | None = None
         for electrode, current in enumerate(currents):
             if not current:
                 continue
             # What one scan may leave at most counts beside the mean.
             scan_pc = max(once_pc[electrode], abs(current) * scan_s)
             after_s = self._after_s(current, scan_pc, left_pc[electrode])
-            if after_s is not None and (found is None or after_s < found.after_s):
-                lasting = max(0.0, self._bound_pc - scan_pc) / (abs(current) * _LEAK_S)
-                found = _First(electrode, after_s, lasting)
+            if after_s is not None and (found is None or after_s < found[0]):
+                found = after_s, electrode
         return found
+
+    def _lasting_hz(
+        self, schedule: Sequence[ScheduledPulse], pulses: int, state: NetState
+    ) -> float:
+        """The rate of all at which no electrode reaches the bound, whatever is left there now."""
+        once_pc = [0.0] * self._count
+        each_hz = self._currents(schedule, [float(pulses)] * len(schedule), state, once_pc)
+        lasting_hz = math.inf
+        for once, current in zip(once_pc, each_hz, strict=True):
+            if current:
+                room_pc = self._bound_pc - max(once, abs(current) / pulses)
+                lasting_hz = min(lasting_hz, max(0.0, room_pc) / (abs(current) * _LEAK_S))
+        return lasting_hz
 
     def _currents(
         self,
         schedule: Sequence[ScheduledPulse],
-        visits: float,
+        visits_hz: Sequence[float],
         state: NetState,
         once_pc: list[float],
     ) -> list[float]:
@@ -136,9 +149,9 @@ class NetForecast:
         conducts_s = state.conducts_s
         beside_s = conducts_s if state.beside_s is None else state.beside_s
         found, pool, beside = [0.0] * self._count, 0.0, others_s(conducts_s, beside_s)
-        for scheduled in schedule:
+        for scheduled, hz in zip(schedule, visits_hz, strict=True):
             electrode, net_pc = scheduled.electrode, self._net_pc(scheduled)
-            each = net_pc * scheduled.rate_hz * visits
+            each = net_pc * hz
             once_pc[electrode] = abs(net_pc)
             found[electrode] += each
             if scheduled.returns is None:
@@ -181,7 +194,8 @@ class NetForecast:
             f"electrode {limit.electrode}: after {limit.after_s * 1e3:.0f} ms of this frame more"
             f" than {self._bound_pc / _PC_PER_UC:g} uC of net charge would be on it, the maximum"
             " here: pulses of one polarity leave direct current, which leaks away in seconds where"
-            ' it is silent. polarity="biphasic" leaves none (levels: with a calibration for it);'
+            ' it is silent. polarity="biphasic" leaves none (at twice the mean current; levels with'
+            " a calibration for it);"
             f"{slower} or show it for less long, elsewhere in between (what moves can go on), or"
             f" with lower currents{balance}",
             limit.electrode,

@@ -45,10 +45,11 @@ class Outlook:
     `felt_ua`: by electrode, what is left of a current since the person said too strong (None: all
     of it); None: nothing was said.
     `net`: the net charge on each electrode, for each way in which returns may share; empty:
-    nothing is known yet.
+    nothing is known yet. `are_returns_known`: all of them were measured, or touch nothing.
     """
 
     __slots__ = (
+        "are_returns_known",
         "ceiling_ua",
         "felt_ua",
         "is_touched",
@@ -69,6 +70,8 @@ class Outlook:
         want_looks: Callable[[], None] = lambda: None,
         felt_ua: FeltUa | None = None,
         net: Sequence[NetState] = (),
+        *,
+        are_returns_known: bool = True,
     ) -> None:
         self.path: Final = path
         self.ceiling_ua: Final = ceiling_ua
@@ -78,6 +81,7 @@ class Outlook:
         self.want_looks: Final = want_looks
         self.felt_ua: Final = felt_ua
         self.net: Final = net
+        self.are_returns_known: Final = are_returns_known
 
     def with_time(self, clamp: Clamp, rate_hz: float) -> Clamp:
         """The clamp with when it would end, where it ends by pulses that are fired."""

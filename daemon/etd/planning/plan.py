@@ -171,11 +171,14 @@ class Planner:
         counted = self._cost_kinds(schedule)
         rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
-        slowed = rate_hz / counted.wanted_hz * self._scan_rate.pulses
-        limit = self._net_forecast.limit(frame, schedule, slowed, outlook.net)
+        slowdown, pulses = rate_hz / counted.wanted_hz, self._scan_rate.pulses
+        is_known = outlook.are_returns_known
+        limit = self._net_forecast.limit(
+            frame, schedule, slowdown, pulses, outlook.net, are_returns_known=is_known
+        )
         alone = None
         if self._balance.is_allowed:
-            alone = self._net_forecast.limit(frame, schedule, slowed, ())
+            alone = self._net_forecast.limit(frame, schedule, slowdown, pulses, ())
         if clamped:
             clamped = tuple([outlook.with_time(clamp, rate_hz) for clamp in clamped])
             if frame.strict:

@@ -35,7 +35,7 @@ class FeltDone(msgspec.Struct, frozen=True, kw_only=True):
 
 class FeltFacts(msgspec.Struct, frozen=True, kw_only=True):
     """`answers`: how many since arming. The last one was said at `said_ns`, of these `electrodes`
-    (null: all), by the lease's holder or (`lowers_only`) by somebody else. `factors`: what these
+    (null: all), by the lease's holder or (`lowers_only`) by another. `factors`: what these
     words leave of the current that was asked of each electrode, as of its last pulse. `laws_off`:
     why laws by resistance are off until the lease ends; empty: they are not.
     """

@@ -32,7 +32,7 @@ from etd.stabilize.shape import PLAIN, Shape
 VERSION = 1
 #: A larger message ends the connection that sent it; the client refuses to send it.
 MAX_MESSAGE_BYTES = 65_536
-#: A lease lives this long after the last accepted frame or `keep`.
+#: A lease lives this long after the last frame that renews it, or `keep`.
 LEASE_MS = 1_000
 #: `modelled` telemetry of a fake board comes this often while its body feels anything.
 MODELLED_HZ = 10

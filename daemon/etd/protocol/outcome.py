@@ -41,7 +41,8 @@ class Shortfall(msgspec.Struct, frozen=True, kw_only=True):
     """Pulses that were not fired, or a rate lowered to `rate_hz`, and what most of a scan is.
 
     `lasts_ms`: in the reply to a frame whose pulses leave direct current on this electrode: so long
-    it can be shown, renewals included. At `lasting_hz` and below it could be for ever.
+    it can be shown, renewals included. With all its pulses at `lasting_hz` it could be for ever;
+    None: no rate is known that lasts, perhaps since returns are not measured yet.
     `balanced`: its pulses have both phases instead, because the direct current of one would pass
     the bound of this electrode, as the body site says.
     """

@@ -28,7 +28,7 @@ class Lease:
     last_seq: int = -1
 
     def renew(self, host_ns: int) -> None:
-        """Called for each accepted frame, and for `keep`."""
+        """Called for each frame that says that its client lives, and for `keep`."""
         self.lapses_host_ns = host_ns + self.lasts_ns
 
     def has_lapsed(self, host_ns: int) -> bool:

@@ -74,6 +74,8 @@ class ReturnShare:
         self._best_s = self._best_before_s = 0.0
         #: Too few are known, for what bounds them to count.
         self._is_sparse = True
+        #: Each was measured or touches nothing; as of the last `refresh`.
+        self.are_all_known = False
         #: The least own resistance, and the least path when it was found.
         self._own_ohm = [_NO_BOUND] * count
         self._is_changed = True
@@ -201,6 +203,7 @@ class ReturnShare:
                 unknown += not is_open
                 beside_s += self.most_s[electrode] if is_open else math.inf
         self._is_sparse = len(self._known) < unknown
+        self.are_all_known = bool(self._known) and not unknown
         own = own_bounds(self._meter, [reading for _, reading in pairs], beside_s)
         for place, (electrode, reading) in enumerate(pairs):
             least_s[electrode] = own.least_s[place]
