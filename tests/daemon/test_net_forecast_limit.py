@@ -147,25 +147,26 @@ def test_the_first_electrode_at_its_bound_when_and_the_rate_that_lasts(
 
 
 @pytest.mark.parametrize(
-    ("asked", "pulses", "shown_s"),
+    ("asked", "slowdown", "pulses", "shown_s"),
     [
-        ({"ttl_ms": 50}, 1, 0.05),
-        ({"ttl_ms": 1_000}, 1, 0.2),
-        ({"ttl_ms": 200, "pulses": 6}, 1, 0.1),
-        ({"ttl_ms": 200, "pulses": 6}, 2, 0.05),
-        ({"ttl_ms": 200, "pulses": 600}, 1, 0.2),
-        ({"ttl_ms": 200, "pulses": 3, "rate_hz": tuple(FAST_AND_SLOW)}, 1, 0.15),
+        ({"ttl_ms": 50}, 1.0, 1, 0.05),
+        ({"ttl_ms": 1_000}, 1.0, 1, 0.2),
+        ({"ttl_ms": 200, "pulses": 6}, 1.0, 1, 0.1),
+        ({"ttl_ms": 200, "pulses": 6}, 1.0, 2, 0.05),
+        ({"ttl_ms": 200, "pulses": 3}, 0.5, 1, 0.1),
+        ({"ttl_ms": 200, "pulses": 600}, 1.0, 1, 0.2),
+        ({"ttl_ms": 200, "pulses": 3, "rate_hz": tuple(FAST_AND_SLOW)}, 1.0, 1, 0.15),
     ],
 )
 def test_how_long_a_frame_is_shown_as_it_says_itself(
-    asked: dict[str, object], pulses: int, shown_s: float
+    asked: dict[str, object], slowdown: float, pulses: int, shown_s: float
 ) -> None:
     """Two electrodes; of six pulses at 60 Hz the last comes after a tenth of a second, and where
     one has 20 Hz three take 150 ms.
     """
     made = frame(**{"current_ua": tuple(TWO), "width_us": 100, "rate_hz": 60.0, **asked})
     schedule = planner().plan(made).schedule
-    limit = forecast(2.0).limit(made, schedule, 1.0, pulses, ())
+    limit = forecast(2.0).limit(made, schedule, slowdown, pulses, ())
     assert limit is not None
     assert limit.shown_s == pytest.approx(shown_s, rel=1e-9)
 
@@ -304,3 +305,19 @@ def test_where_returns_are_not_known_a_rate_is_named_for_one_electrode_alone() -
         assert (limit.lasting_hz > 0.0) == is_named
         (told,) = forecast().told(NetLimit(limit.electrode, 1.0, limit.lasting_hz, limit.shown_s))
         assert (told.lasting_hz is not None) == is_named
+
+
+def test_the_rate_that_lasts_does_by_each_account() -> None:
+    """Evenly shared the pulses themselves are first; else a return that carries them all."""
+    made = frame(current_ua=tuple(TWO), width_us=100, rate_hz=60.0)
+    schedule = planner().plan(made).schedule
+    carries_all = NetState([100.0 if at == 5 else 1.0 for at in range(N)], [0.0] * N)
+    evenly = NetState([1.0] * N, [0.0] * N)
+    lasting_hz = []
+    for states in ([carries_all], [evenly], [evenly, carries_all], [carries_all, evenly]):
+        limit = forecast().limit(made, schedule, 1.0, 1, states)
+        assert limit is not None
+        lasting_hz.append(limit.lasting_hz)
+    least_hz, more_hz, *both_hz = lasting_hz
+    assert least_hz < 0.7 * more_hz
+    assert both_hz == [least_hz, least_hz]

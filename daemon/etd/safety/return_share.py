@@ -203,7 +203,7 @@ class ReturnShare:
                 unknown += not is_open
                 beside_s += self.most_s[electrode] if is_open else math.inf
         self._is_sparse = len(self._known) < unknown
-        self.are_all_known = bool(self._known) and not unknown
+        self.are_all_known = not unknown
         own = own_bounds(self._meter, [reading for _, reading in pairs], beside_s)
         for place, (electrode, reading) in enumerate(pairs):
             least_s[electrode] = own.least_s[place]
