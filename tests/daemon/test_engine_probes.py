@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import engine_rig
@@ -92,6 +92,13 @@ def check_probes(
     accepted_us=st.integers(20, 100),
     frame_us=st.integers(20, 200),
     is_probe_first=st.booleans(),
+)
+# The one that is stimulated conducts more than all others together, each of which may be the best.
+@example(
+    caps_ua=tuple(1_000 if electrode == HERE else 10 for electrode in range(N)),
+    accepted_us=33,
+    frame_us=67,
+    is_probe_first=False,
 )
 def test_no_probe_gives_more_charge_than_was_accepted(
     caps_ua: tuple[int, ...], accepted_us: int, frame_us: int, is_probe_first: bool

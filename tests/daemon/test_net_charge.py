@@ -391,6 +391,9 @@ def test_what_is_left_of_each_pulse_is_what_one_return_would_carry() -> None:
 def test_none_carries_more_than_all_of_what_another_one_sends() -> None:
     assert others_s([1.0, 1.0, 1.0], [1.0, 1.0, 1.0]) == [2.0, 2.0, 2.0]
     assert others_s([5.0, 1.0, 1.0], [1.0, 1.0, 1.0]) == [2.0, 5.0, 5.0]
+    # The best of the others where two are alike, and where one is the best beside a better one.
+    assert others_s([1.0, 1.0, 0.5], [0.9, 0.05, 0.05]) == [1.0, 1.0, 1.0]
+    assert others_s([9.0, 2.0, 0.5], [0.9, 0.05, 0.05]) == [2.0, 9.0, 9.0]
     assert others_s([1.0], [1.0]) == [LEAST_S]
 
 

@@ -278,11 +278,12 @@ class NetCharge:
 
 def others_s(conducts_s: Sequence[float], beside_s: Sequence[float]) -> list[float]:
     """By electrode, what the others of its pulses conduct: each by `conducts_s` beside what
-    `beside_s` has, and the best of them no more than all together.
+    `beside_s` has, and none of them more than all together.
     """
-    whole_s, best_s = sum(beside_s), max(conducts_s)
+    whole_s, ordered = sum(beside_s), sorted(conducts_s)
+    best_s, next_s = ordered[-1], ordered[-2] if len(ordered) > 1 else 0.0
     return [
-        max(LEAST_S, whole_s - at_s, best_s if own_s < best_s else 0.0)
+        max(LEAST_S, whole_s - at_s, best_s if own_s < best_s else next_s)
         for own_s, at_s in zip(conducts_s, beside_s, strict=True)
     ]
 
