@@ -394,6 +394,7 @@ def test_none_carries_more_than_all_of_what_another_one_sends() -> None:
     # The best of the others where two are alike, and where one is the best beside a better one.
     assert others_s([1.0, 1.0, 0.5], [0.9, 0.05, 0.05]) == [1.0, 1.0, 1.0]
     assert others_s([9.0, 2.0, 0.5], [0.9, 0.05, 0.05]) == [2.0, 9.0, 9.0]
+    assert others_s([2.0, 1.0], [0.9, 0.1]) == [1.0, 2.0]
     assert others_s([1.0], [1.0]) == [LEAST_S]
 
 
