@@ -211,7 +211,7 @@ install: ## Install the daemon for systemd on a Raspberry Pi (as root; DESTDIR= 
 	@test -n "$(DESTDIR)" || test "$$(id -u)" = 0 || { echo "this writes to $(PREFIX) and /etc: sudo make install"; exit 1; }
 	@# What ProtectHome= of our units hides from them.
 	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/home/", "/root/")))' || { \
-	  echo "$$($(PYTHON) -c 'import sys; print(sys.executable)') is in somebody's home, which the services cannot see: make install PYTHON=/usr/bin/python3"; exit 1; }
+	  echo "$$($(PYTHON) -c 'import sys; print(sys.executable)') lies under /home or /root, which ProtectHome= hides from the services: make install PYTHON=/usr/bin/python3"; exit 1; }
 	@{ command -v cc && $(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))'; } >/dev/null || { \
 	  echo "spidev is compiled when it is installed, and the compiler or Python's headers are missing: sudo apt install gcc python3-dev"; exit 1; }
 	$(if $(DESTDIR),,@$(stop_engines))

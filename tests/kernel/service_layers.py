@@ -87,7 +87,7 @@ def _python() -> str:
             if Path(headers.strip(), "Python.h").exists():
                 return path
     raise RigFailure(
-        "no Python with its headers outside of somebody's home:"
+        "no Python with its headers outside of /home and /root:"
         " sudo apt-get install python3-dev python3-venv"
     )
 

@@ -11,14 +11,13 @@ MS = 1_000_000
 
 
 def test_a_gap_is_filled_with_scans_of_nothing_and_the_scan_before_it_is_kept() -> None:
-    felt = [((1.5,), (0.5,))]
+    felt: list[tuple[tuple[float], tuple[float]]] = []
     body = SimpleNamespace(take_felt=lambda: felt.pop() if felt else ((0.0,), (0.0,)))
     now = SimpleNamespace(ns=0)
     made: Any = SimpleNamespace(body=body)
     clock: Any = SimpleNamespace(now_ns=lambda: now.ns)
     marker: Any = SimpleNamespace(mark=lambda *_: None)
     scans = Scans(marker, made, clock)
-    felt.clear()
     for seq, at_ms in enumerate((0, 100)):
         now.ns = at_ms * MS
         scans.mark("frame", seq, None)

@@ -141,7 +141,14 @@ class Clearance:
         felt_ua = self._feeling.felt_ua if self._feeling.is_lowered else None
         net = self._ledger.net.states(now_ns)
         return Outlook(
-            *(path, ceiling_ua, recontacts_ua, touched, risen_after_ns, want, felt_ua, net),
+            path,
+            ceiling_ua,
+            recontacts_ua,
+            touched,
+            risen_after_ns,
+            want,
+            felt_ua,
+            net,
             are_returns_known=returns.share.are_all_known,
         )
 

@@ -128,9 +128,9 @@ class NetForecast:
     ) -> float:
         """The rate of all at which no electrode reaches the bound, whatever is left there now."""
         once_pc = [0.0] * self._count
-        each_hz = self._currents(schedule, [float(pulses)] * len(schedule), state, once_pc)
+        per_hz_pc = self._currents(schedule, [float(pulses)] * len(schedule), state, once_pc)
         lasting_hz = math.inf
-        for once, current in zip(once_pc, each_hz, strict=True):
+        for once, current in zip(once_pc, per_hz_pc, strict=True):
             if current:
                 room_pc = self._bound_pc - max(once, abs(current) / pulses)
                 lasting_hz = min(lasting_hz, max(0.0, room_pc) / (abs(current) * _LEAK_S))

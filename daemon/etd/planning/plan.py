@@ -171,6 +171,7 @@ class Planner:
         counted = self._cost_kinds(schedule)
         rate_hz, shortfalls = self._scan_rate.rate(frame, schedule, counted)
         self._check_array_mean(schedule, rate_hz, counted.wanted_hz)
+        yield  # the forecast goes through all pulses for each account: a step of its own
         slowdown, pulses = rate_hz / counted.wanted_hz, self._scan_rate.pulses
         is_known = outlook.are_returns_known
         limit = self._net_forecast.limit(
