@@ -14,7 +14,7 @@ from typing import Final
 
 #: Of `make bench-felt`, the same where a body's drift is common to all electrodes, and of
 #: `make bench-steady` in its whole form.
-FELT: Final = tuple(range(7406, 7418))
+FELT: Final = tuple(range(7418, 7430))
 FELT_COMMON: Final = tuple(range(8001, 8101))
 STEADY: Final = (7401, 7402)
 #: What the tests play, which everybody looks at.
@@ -24,7 +24,7 @@ TESTED: Final = (31,)
 LOOKED_AT: Final = frozenset(
     {*range(1, 21), *TESTED, 41, 42, 43, 44, 901, 902, 911, 912, 913, 914, 921, 922}
     | set(range(7301, 7401))
-    | set(range(7403, 7406))
+    | set(range(7403, 7418))
     | set(range(7500, 7560))
     | set(range(7601, 8001))
 )
