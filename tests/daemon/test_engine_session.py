@@ -9,7 +9,15 @@ import pytest
 from engine_rig import LEASE, EngineRig
 from engine_scenes import calibration, moves, open_calibrated, states
 from etd.protocol.calibration import Calibration
-from etd.protocol.link import Answer, ArmBoard, ClearHalt, CloseLease, DisarmBoard, MeasureContact
+from etd.protocol.link import (
+    Answer,
+    ArmBoard,
+    ClearHalt,
+    CloseLease,
+    DisarmBoard,
+    MeasureContact,
+    StopNow,
+)
 from etd.protocol.messages import SessionFacts
 
 MakeRig = Callable[..., EngineRig]
@@ -107,6 +115,40 @@ def test_a_press_that_stopped_something_is_no_try_for_the_next_person(rig: Engin
     assert rig.state == "HALTED"
     assert rig.ask(ClearHalt).error is None
     assert armed_without_a_try(rig, "P02").error == "arm_failed"
+
+
+def test_after_the_wearers_stop_the_wearer_says_that_it_goes_on(rig: EngineRig) -> None:
+    """For the same person too; what is pressed while it is halted says that it shall not."""
+    opened_for(rig, "P01")
+    rig.arm()
+    rig.try_wearer_stop()
+    rig.try_wearer_stop()
+    assert rig.state == "HALTED"
+    assert rig.ask(ClearHalt).error is None
+    answer = armed_without_a_try(rig, "P01")
+    assert answer.error == "arm_failed"
+    assert "wearer_stop ended the session of P01" in answer.reason
+    rig.try_wearer_stop()
+    assert rig.ask(ArmBoard).error is None
+
+
+def test_a_try_in_a_halt_that_no_stop_line_made_counts(rig: EngineRig) -> None:
+    opened_for(rig, "P01")
+    rig.ask(StopNow, client="operator")
+    rig.try_wearer_stop()
+    assert rig.ask(ClearHalt).error is None
+    assert armed_without_a_try(rig, "P01").error is None
+
+
+def test_an_emergency_stop_ends_the_session_too(rig: EngineRig) -> None:
+    opened_for(rig, "P01")
+    rig.arm()
+    rig.fake.world.press("emergency_stop")
+    rig.run_ms(5)
+    rig.fake.world.release("emergency_stop")
+    rig.run_ms(5)
+    assert rig.ask(ClearHalt).error is None
+    assert "emergency_stop ended" in armed_without_a_try(rig, "P01").reason
 
 
 def test_ten_minutes_without_use_end_it(rig: EngineRig) -> None:

@@ -15,6 +15,7 @@ import pytest
 from etd.gateway.config import GatewayConfig, Operators
 from etd.gateway.server import Gateway
 from etd.protocol.errors import FileError, Refused
+from etd.protocol.link import ClearHalt, StopNow
 from gateway_rig import GatewayRig, HandClock
 from raw_client import connected, hello, part
 
@@ -65,6 +66,25 @@ def test_only_operators_arm_clear_and_measure() -> None:
         assert theirs("stop")["ok"], "everybody may stop"
     with GatewayRig(operators=(str(STRANGER),)) as rig, as_stranger(rig) as theirs:
         assert theirs("arm")["ok"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user")
+@pytest.mark.parametrize(
+    ("operators", "is_operator"), [((), False), ((str(STRANGER),), True)], ids=["none", "named"]
+)
+def test_the_engine_is_told_who_stops_and_who_clears(
+    operators: tuple[str, ...], *, is_operator: bool
+) -> None:
+    with GatewayRig(operators=operators) as rig, as_stranger(rig) as theirs:
+        assert theirs("stop")["ok"]
+        assert theirs("clear")["ok"]
+        assert rig.call(op="clear")["ok"]
+        stop, clear, ours = rig.engine.heard
+        assert isinstance(stop, StopNow)
+        assert isinstance(clear, ClearHalt)
+        assert isinstance(ours, ClearHalt)
+        assert (stop.uid, clear.uid, ours.uid) == (STRANGER, STRANGER, os.geteuid())
+        assert (clear.is_operator, ours.is_operator) == (is_operator, True)
 
 
 @pytest.mark.parametrize("uid", [0, os.geteuid()], ids=["root", "the gateway's own user"])

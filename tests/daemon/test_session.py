@@ -17,9 +17,9 @@ def sessions() -> Sessions:
     return Sessions(has_wearer_stop=True)
 
 
-def try_stop(sessions: Sessions, now_ns: int, *, is_live: bool = False) -> None:
-    sessions.stop_moved(is_open=True, is_live=is_live, now_ns=now_ns)
-    sessions.stop_moved(is_open=False, is_live=False, now_ns=now_ns + S)
+def try_stop(sessions: Sessions, now_ns: int, *, is_to_stop: bool = False) -> None:
+    sessions.stop_moved(is_open=True, is_to_stop=is_to_stop, now_ns=now_ns)
+    sessions.stop_moved(is_open=False, is_to_stop=False, now_ns=now_ns + S)
 
 
 def used(subject: Subject, since_ns: int, until_ns: int) -> Sessions:
@@ -167,7 +167,7 @@ def test_a_stop_that_ended_something_was_pressed_for_that() -> None:
     try_stop(one, 0)
     one.went_live(UNKNOWN, 5 * S)
     one.went_safe(10 * S)
-    try_stop(one, 10 * S, is_live=True)
+    try_stop(one, 10 * S, is_to_stop=True)
     assert one.why_untried(UNKNOWN_TOO, 20 * S) is not None
 
 
@@ -194,13 +194,13 @@ def test_a_release_counts_once() -> None:
     """A contact that bounces, or a lead that is plugged in again, is no second try."""
     one = used(FIRST, 10 * S, 20 * S)
     one.closed()
-    one.stop_moved(is_open=False, is_live=False, now_ns=25 * S)
+    one.stop_moved(is_open=False, is_to_stop=False, now_ns=25 * S)
     assert one.why_untried(SECOND, 30 * S) is not None
 
 
 def test_a_stop_that_was_only_plugged_in_has_not_been_tried() -> None:
     one = sessions()
-    one.stop_moved(is_open=False, is_live=False, now_ns=0)
+    one.stop_moved(is_open=False, is_to_stop=False, now_ns=0)
     assert one.why_untried(FIRST, S) is not None
 
 

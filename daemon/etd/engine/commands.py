@@ -78,8 +78,9 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
     match command:
         case Alive():
             return None
-        case StopNow(client=who):
+        case StopNow(client=who, uid=uid):
             problems = core.halt("stop", who, "asked to stop")
+            core.states.askers.asked(uid)
             if problems:
                 raise Refused("halted", f"HALTED, but the board is not safe: {'; '.join(problems)}")
         case OpenLease():
@@ -102,7 +103,8 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             _holder(core, token)
             core.begin_power_up("measure", command.ref)
             return None
-        case ClearHalt():
+        case ClearHalt(uid=uid, is_operator=is_operator):
+            core.states.askers.check(uid, is_operator=is_operator)
             core.clear()
         case SetMark(lease=token):
             _holder(core, token)

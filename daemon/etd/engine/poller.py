@@ -9,6 +9,7 @@ them were done. Must not know: what is due, how a pulse is fired, ZeroMQ, files.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Final, get_args
 
 from etd.engine import commands
 from etd.engine.components import Components
@@ -21,6 +22,8 @@ from etd_hal.boardfile import RailMonitor
 
 #: Without a poll for longer than this the engine was stalled: no pulse takes that long.
 _STALL_NS = 50_000_000
+#: Causes of a halt that are lines.
+_STOPS: Final = get_args(StopName)
 #: At most so many commands hold up a pulse; the rest is read before the next pulse.
 _COMMANDS_A_POLL = 64
 #: More than a link holds: if messages remain, the gateway sends faster than the engine reads.
@@ -155,13 +158,15 @@ class Poller:
 
     def _watch_stops(self, stops: Sequence[tuple[StopName, bool]], host_ns: int) -> None:
         for name, is_open in stops:
-            is_live = self._supervisor.states.state in ("PROBE", "ARMED")
+            states = self._supervisor.states
+            is_live = states.state in ("PROBE", "ARMED")
             if name == "wearer_stop":
+                is_to_stop = is_live or (states.halt is not None and states.halt.cause in _STOPS)
                 self._supervisor.sessions.stop_moved(
-                    is_open=is_open, is_live=is_live, now_ns=host_ns
+                    is_open=is_open, is_to_stop=is_to_stop, now_ns=host_ns
                 )
             if is_open and is_live:
-                self._supervisor.halt(name, name, "the stop line opened")
+                self._stopped(name, "the stop line opened")
                 return
 
     def _heed_presses(self, edges_ns: Sequence[int]) -> None:
@@ -175,8 +180,12 @@ class Poller:
         """For an edge that may have been lost: a trigger shares the kernel's queue of them."""
         for name, is_open in self._board.stops().items():
             if is_open:
-                self._supervisor.halt(name, name, "the stop line is open")
+                self._stopped(name, "the stop line is open")
                 return
+
+    def _stopped(self, name: StopName, detail: str) -> None:
+        self._supervisor.halt(name, name, detail)
+        self._supervisor.sessions.stopped(name)
 
     def _watch_rail(self, monitor: RailMonitor, now_ns: int) -> None:
         """While pulses are fired: before that the power-up judges a rail that rises."""

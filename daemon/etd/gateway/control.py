@@ -192,7 +192,12 @@ class ControlHandler:
 
     def _clear(self, _: Clear, inbound: InboundMessage) -> Awaited:
         self._operators.check(inbound.uid)
-        return self._sent(ClearHalt(ref=self._pending.next_engine_ref()))
+        command = ClearHalt(
+            ref=self._pending.next_engine_ref(),
+            uid=inbound.uid,
+            is_operator=self._operators.is_one(inbound.uid),
+        )
+        return self._sent(command)
 
     def _measure(self, request: Measure, inbound: InboundMessage) -> Awaited:
         # It puts the supply on, and fires at every electrode.

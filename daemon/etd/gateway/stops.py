@@ -56,7 +56,7 @@ class Stops:
             of_user = self._of_user.get(inbound.uid)
         if of_user is None:
             ref = self._pending.next_ref()
-            self._engine.stop(StopNow(ref=ref, client=client))
+            self._engine.stop(StopNow(ref=ref, client=client, uid=inbound.uid))
             self._of_user[inbound.uid] = _OfUser(ref)
             self._add(ref, stop, inbound, now_ns)
             return
@@ -85,7 +85,7 @@ class Stops:
             self._of_user[uid] = _OfUser(following)
             # Where the engine is gone, all that is pending is refused when that is noticed.
             with suppress(Refused):
-                self._engine.stop(StopNow(ref=following, client=of_user.client))
+                self._engine.stop(StopNow(ref=following, client=of_user.client, uid=uid))
 
     def _add(self, ref: int, stop: Stop, inbound: InboundMessage, now_ns: int) -> None:
         deadline_ns = now_ns + ANSWERED_WITHIN_NS * self._engine.timeout_factor

@@ -53,6 +53,7 @@ MAX_DATAGRAM_BYTES = 192 * 1024
 #: A lease's token. Its length, and that of a client's name, is bounded so that every report has
 #: room.
 Token = Annotated[str, Meta(max_length=64)]
+Uid = Annotated[int, Meta(ge=0, lt=2**32)]
 
 
 class _Message(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -98,11 +99,17 @@ class ArmBoard(Command, frozen=True, kw_only=True):
 
 
 class ClearHalt(Command, frozen=True, kw_only=True):
-    pass
+    """`uid`: of the user who asks, by the kernel; None: nobody's."""
+
+    uid: Uid | None = None
+    is_operator: bool = False
 
 
 class StopNow(Command, frozen=True, kw_only=True):
+    """`uid`: as in `ClearHalt`."""
+
     client: ClientName
+    uid: Uid | None = None
 
 
 class MeasureContact(Command, frozen=True, kw_only=True):

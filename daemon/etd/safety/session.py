@@ -6,7 +6,8 @@ reasons.
 
 A session begins when the board goes live for a lease, and continues for later leases of the same
 calibration. A lease of another calibration ends it, and so do ten minutes in which the board is not
-live. A lease with limits and no calibration does not identify a person: it is a session of its own.
+live, or a stop line that ends what is live. A lease with limits and no calibration does not identify
+a person: it is a session of its own.
 """
 
 from __future__ import annotations
@@ -139,12 +140,20 @@ class Sessions:
 
     # --- the wearer's stop -------------------------------------------------------------------
 
-    def stop_moved(self, *, is_open: bool, is_live: bool, now_ns: int) -> None:
-        """An edge of the wearer's stop. Press and release count as a test, unless the board was
-        live: then it was pressed to stop stimulation.
+    def stopped(self, stop: str) -> None:
+        """A stop line has ended what was live: who wears the board says that it may go on, by
+        trying the wearer's stop again.
+        """
+        if self._session is not None:
+            self._end(f"{stop} ended {self._session}")
+
+    def stop_moved(self, *, is_open: bool, is_to_stop: bool, now_ns: int) -> None:
+        """An edge of the wearer's stop. Press and release count as a test, unless it was pressed
+        to stop stimulation: the board was live, or halted by a stop line, by who was not sure of
+        it.
         """
         if is_open:
-            self._is_pressed = not is_live
+            self._is_pressed = not is_to_stop
         elif self._is_pressed:
             self._is_pressed, self._tried_ns, self._tried_by = False, now_ns, self._subject
 

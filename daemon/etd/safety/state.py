@@ -1,7 +1,7 @@
 """SAFE, PROBE, ARMED, HALTED: what may follow what.
 
-Owns: the state, the latched cause of a halt, and the only ways between. Must not know: hardware,
-sockets, clocks.
+Owns: the state, the latched cause of a halt, whose stops stand in it, and the only ways between.
+Must not know: hardware, sockets, clocks.
 
     SAFE ──probe──> PROBE ──arm──> ARMED
       ^───────safe────┴──────safe────┘          anything ──halt──> HALTED ──clear──> SAFE
@@ -12,14 +12,18 @@ does it. The first cause stands; what follows from it is not a cause.
 
 from __future__ import annotations
 
+from typing import Final
+
 from etd.protocol.errors import Refused, halted
 from etd.protocol.messages import Halt, State
+from etd.safety.stop_askers import StopAskers
 
 
 class StateMachine:
     def __init__(self) -> None:
         self.state: State = "SAFE"
         self.halt: Halt | None = None
+        self.askers: Final = StopAskers()
 
     def need(self, *allowed: State) -> None:
         """Raises: Refused, naming the state and what to do."""
@@ -64,3 +68,4 @@ class StateMachine:
             raise Refused("wrong_state", f"the state is {self.state}: there is nothing to clear")
         self.state = "SAFE"
         self.halt = None
+        self.askers.lifted()
