@@ -6,8 +6,8 @@ reasons.
 
 A session begins when the board goes live for a lease, and continues for later leases of the same
 calibration. A lease of another calibration ends it, and so do ten minutes in which the board is not
-live, or a stop line that ends what is live. A lease with limits and no calibration does not identify
-a person: it is a session of its own.
+live, or a stop line that ends what is live. A lease with limits and no calibration does not
+identify a person: it is a session of its own.
 """
 
 from __future__ import annotations
