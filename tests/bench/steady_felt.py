@@ -22,7 +22,14 @@ sys.path[:0] = [str(_TESTS)]
 import msgspec  # noqa: E402
 from rich.console import Console  # noqa: E402
 
-from bench import felt_docs, felt_harm, felt_laws, felt_limits, fresh_seeds  # noqa: E402
+from bench import (  # noqa: E402
+    felt_docs,
+    felt_harm,
+    felt_laws,
+    felt_limits,
+    felt_manners,
+    fresh_seeds,
+)
 from bench.felt_compared import (  # noqa: E402
     PERSONS,
     SHIPS_PERSONS,
@@ -83,6 +90,11 @@ def main() -> int:
         help="on --common-seeds: what the limits on raising leave to any rule, by a rise at once"
         " whatever is said",
     )
+    parser.add_argument(
+        "--manners",
+        action="store_true",
+        help="as it ships, persons that the estimate was not made for: told, and not judged",
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="one JSON object for all figures")
     parser.add_argument(
@@ -93,6 +105,9 @@ def main() -> int:
     if args.limits:
         for body in args.bodies:
             _show(felt_limits.limit(body, args.common_seeds, manner, args.processes), args.json)
+        return 0
+    if args.manners:
+        _show_manners(args)
         return 0
     if args.law is not None:
         with ProcessPoolExecutor(args.processes) as pool:
@@ -118,6 +133,7 @@ def main() -> int:
         many = (args.common_seeds, manner, args.minutes, args.processes)
         found = again_where_common(found, *many)
         said = f"{said}; where the drift is common to all, {_in_short(args.common_seeds)}"
+        said = f"{said}, one person each"
     ships = [each for each in found if not each.may_raise]
     raising = [each for each in found if each.may_raise]
     checked = asked(found)
@@ -143,10 +159,21 @@ def main() -> int:
 
 
 def _in_short(seeds: Sequence[int]) -> str:
-    """Which fingers, with one person each."""
+    """Which fingers."""
     if list(seeds) == list(range(seeds[0], seeds[-1] + 1)):
-        return f"fingers {seeds[0]} to {seeds[-1]}, one person each"
-    return f"fingers {', '.join(map(str, seeds))}, one person each"
+        return f"fingers {seeds[0]} to {seeds[-1]}"
+    return f"fingers {', '.join(map(str, seeds))}"
+
+
+def _show_manners(args: argparse.Namespace) -> None:
+    others = felt_manners.played(args.bodies, args.seeds, args.minutes, args.processes)
+    if args.json:
+        print(msgspec.json.encode(others).decode())
+    else:
+        print(felt_manners.table(others))
+    if args.write_docs:
+        said = f"{_in_short(args.seeds)}, {felt_manners.PERSONS} persons each"
+        felt_manners.write(PAGE, others, f"{said}, {args.minutes:g} min")
 
 
 def _show(found: felt_limits.Limit, as_json: bool) -> None:
