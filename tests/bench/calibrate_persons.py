@@ -1,9 +1,9 @@
 """Calibrations of persons who answer badly, on skins on paper: a table of errors and of pain.
 
 Owns: which persons, and the bounds of the default method: threshold errors of at most 10 % (median)
-and 20 % (nine of ten), and no presentation above 1.1 times the pain of somebody who says what
-hurts. Must not know: how anything of it works. Skins and persons come from the seeds printed, which
-nothing was tuned on.
+and 20 % (nine of ten), and no presentation above 1.1 times the pain of a person who says *too
+strong* before it hurts, at 0.85 of where pain begins [design]. Must not know: how anything of it
+works. Skins and persons come from the seeds printed, which nothing was tuned on.
 
 The error is that of the threshold at the moment when it was found: it drifts. An electrode that was
 not felt counts with its cap. `equalize` finds no thresholds: it begins with what the default method
@@ -67,8 +67,13 @@ PERSONS = {
     "slips": ResponseModel(slips=0.03),
     "all": BAD,
     "all, pain stays": dataclasses.replace(BAD, pain_adaptation=0.0),
+    "at pain": ResponseModel(discomfort=1.0),
+    "at pain, slips": ResponseModel(discomfort=1.0, slips=0.03),
+    "at pain, all": dataclasses.replace(BAD, discomfort=1.0),
     "endures": dataclasses.replace(BAD, endures=1.5),
 }
+#: Who says *too strong* no sooner than it hurts: told, and not judged.
+TOO_LATE = ("at pain", "at pain, slips", "at pain, all", "endures")
 #: Whose thresholds are too near to pain to be found as near as that: docs/calibration.md says so.
 NOT_AS_NEAR = "all, pain stays"
 #: How many times stronger all electrodes together are felt than the strongest of them [design].
@@ -189,7 +194,7 @@ def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str
         "bias": round(median([error for one in sittings for error in one.errors] or [inf]), 4),
         "false_alarm_rate": round(median(one.false_alarm_rate for one in sittings), 3),
         "pain": round(pain, 3),
-        "ok": is_accurate and (person == "endures" or pain <= PAIN),
+        "ok": is_accurate and (person in TOO_LATE or pain <= PAIN),
     }
 
 
