@@ -13,8 +13,11 @@ from engine_parts import currents, frame, planner
 from etd.engine.clearance import Clearance
 from etd.engine.components import Components
 from etd.planning.schedule import AfterProbe, DuePulse
+from etd.planning.scheduled_pulse import ScheduledPulse
 from etd.pulse.request import PulseRequest
+from etd.safety.bookings import Entry
 from etd.safety.conductance import Reading, Whole
+from etd.safety.ledger import Bounds, Ledger
 from plain_records import told
 
 pytestmark = pytest.mark.slow
@@ -89,11 +92,11 @@ def parts() -> Iterator[Components]:
     rig.close()
 
 
-def new_clearance(parts: Components) -> Clearance:
+def new_clearance(parts: Components, ledger: Ledger | None = None) -> Clearance:
     return Clearance(
         parts.board,
         parts.maxima,
-        parts.ledger,
+        ledger or parts.ledger,
         parts.soft_start,
         parts.contact,
         parts.returns,
@@ -145,3 +148,51 @@ def test_nor_is_its_probe_and_the_ledger_is_asked_for_both(parts: Components) ->
     assert told(clearance.fit(due, cleared, other, now_ns)) == told(
         new_clearance(parts).fit(due, cleared, other, now_ns)
     )
+
+
+@pytest.mark.parametrize("what", ["charge", "net charge"])
+def test_a_pulse_has_room_where_its_probe_has_room_too(parts: Components, what: str) -> None:
+    unbound(parts)
+    ledger = Ledger(N, Bounds.of(parts.maxima.now))
+    clearance, now_ns = new_clearance(parts, ledger), parts.clock.now_ns()
+    due, probe = DuePulse(STRONG, "stimulus", 0), PulseRequest(300, 50)
+    cleared = clearance.limit(due, REQUEST, 5_000, now_ns)
+    assert cleared is not None
+    maxima, led_pc = parts.maxima.now, cleared.entry.charge_pc + probe.charge_pc // 2
+    bound_pc = maxima.mean_current_ua * 1_000_000 if what == "charge" else maxima.net_charge_pc
+    left_pc = bound_pc - led_pc
+    way = 0 if what == "charge" else cleared.entry.net_pc // cleared.entry.charge_pc
+    ledger.book(Entry(ELECTRODE, left_pc, 0, None, 0.0, 0, way * left_pc), now_ns, left_pc)
+    assert clearance.fit(due, cleared, None, now_ns) is cleared
+    assert clearance.fit(due, cleared, probe, now_ns) is None
+    assert ledger.first_violation(cleared.entry, now_ns) is None
+
+
+def test_a_pulse_and_its_probe_together_keep_the_charge_of_a_pulse(parts: Components) -> None:
+    unbound(parts)
+    now_ns, probe = parts.clock.now_ns(), PulseRequest(300, 50)
+    led = ScheduledPulse(
+        STRONG.electrode,
+        STRONG.selection,
+        STRONG.request,
+        STRONG.phases,
+        STRONG.rate_hz,
+        STRONG.returns,
+        STRONG.path,
+        STRONG.bounds,
+        probe,
+    )
+    given = parts.maxima.now
+    parts.maxima.now = replace(given, charge_pc=REQUEST.charge_pc + probe.charge_pc // 2)
+    try:
+        alone, both = (
+            new_clearance(parts).limit(DuePulse(one, "stimulus", 0), REQUEST, 5_000, now_ns)
+            for one in (STRONG, led)
+        )
+    finally:
+        parts.maxima.now = given
+    assert alone is not None
+    assert both is not None
+    assert (alone.clamp, alone.given.current_ua) == (None, REQUEST.current_ua)
+    assert both.clamp is not None
+    assert both.given.charge_pc + probe.charge_pc <= REQUEST.charge_pc + probe.charge_pc // 2
