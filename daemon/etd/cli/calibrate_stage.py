@@ -19,15 +19,17 @@ from etd.client import Display, clock
 
 
 class Stage:
-    """Of one session."""
+    """Of one session. `has_begun`: it is armed for it, so something may have been presented."""
 
     def __init__(self, args: argparse.Namespace, display: Display) -> None:
         self._display = display
         self._at_once = args.board is not None or args.arm
+        self.has_begun = False
 
     def arm(self) -> None:
         """For simulated answers. Raises: Refused, DaemonGone."""
         self._display.arm(ARM_WITHIN_S)
+        self.has_begun = True
 
     @contextmanager
     def armed_keys(
@@ -38,6 +40,7 @@ class Stage:
         """
         with keyboard(show, heard, lambda: self._display.stop(INPUT_CLOSED)) as keys:
             armed_for(self._display, keys, at_once=self._at_once)
+            self.has_begun = True
             yield keys
 
     @contextmanager
