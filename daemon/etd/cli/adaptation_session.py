@@ -43,7 +43,8 @@ from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
-from etd.protocol.adaptation import MeasuredAdaptation, raises_in_words
+from etd.files.raises_in_words import raises_in_words
+from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError, FileError
 from etd_hal.compose import wall_time
