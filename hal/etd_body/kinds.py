@@ -20,7 +20,8 @@ disagree about what nobody has measured: what a change of resistance says of a t
     soaking      resistance to a quarter within 20 minutes: a wet skin's 10-25 kOhm [design]
     tender       pain from 1.2 times the threshold on: absolute threshold is close to pain on some
                  electrodes (section 4 [paper]); the figure [design]
-    summing      a neighbor's subthreshold pulse lowers the threshold by 18-36 %, see `shifts` [abs]
+    summing      a neighbor's pulse below its threshold lowers the next one's by 18-36 %, see
+                 `shifts` [abs]; one above does the same [design]
 
 All kinds draw Rs, Rp, bend, Cp and spreads from the same ranges, but where the kind says otherwise.
 The ranges (`BodyRanges`, where each can be replaced) are [design] around the figures that `skin`

@@ -13,7 +13,8 @@ at rest: a pulse that is not felt any more is use as well [design].
 
 *Summation*: a neighbor's pulse, of 10 to 50 % of its own threshold, lowers the threshold of the one
 that follows by 18 to 36 % (Spatial summation of electro-tactile displays at subthreshold, 14
-people). How long the first one lasts is [design].
+people). That a stronger one does the same, above its own threshold too, of which the source says
+nothing, and how long the first one lasts are [design].
 """
 
 from __future__ import annotations

@@ -45,6 +45,6 @@ def test_without_a_standard_input_it_is_said_that_no_key_can_be_pressed(
     monkeypatch.setattr(sys, "stdin", None)
     with (
         pytest.raises(FileError, match="no key can be pressed"),
-        keyboard(lambda _: None, lambda _: None),
+        keyboard(lambda _: None, lambda _: None, lambda: None),
     ):
         raise AssertionError("nobody can stop it")

@@ -355,6 +355,17 @@ def test_a_client_whose_name_has_control_characters_can_stop(rig: ServedRig) -> 
     assert stop.client.isprintable()
 
 
+def test_why_it_is_stopped_is_told_after_the_name(rig: ServedRig) -> None:
+    """In a name's room."""
+    with display(rig, client="study" * 12) as named:
+        named.stop("the window\nwas closed")
+        named.stop("x" * 70)
+    said = [one.client for one in rig.engine.heard if isinstance(one, StopNow)]
+    assert said[0].startswith("studystudy")
+    assert said[0].endswith(r"study, the window\nwas closed")
+    assert [len(each) for each in said] == [64, 64]
+
+
 def test_without_an_engine_status_and_stop_still_answer(rig: ServedRig) -> None:
     with display(rig) as d:
         rig.engine.close()

@@ -81,6 +81,28 @@ def test_a_named_current_that_stays_below_its_own_strength_says_so() -> None:
     assert "of a current_ua that a frame names too_strong has left" in done.reason
 
 
+@pytest.mark.parametrize("lowered", [None, (0,)])
+def test_good_that_takes_of_a_rise_says_so(lowered: tuple[int, ...] | None) -> None:
+    """Not what *too strong* left of it: where that was of one, the other one's rise goes back."""
+    before: list[Said] = [(40, "too_weak", None), (50, "too_strong", lowered)]
+    _, left = last_of(*before, may_raise=True)
+    done, factor = last_of(*before, (114, "good", None), may_raise=True)
+    assert done.did == ("lowered" if lowered is None else "gives_back")
+    assert factor < left if lowered is None else left < factor == 1.0
+    assert ("good takes what is not expected to be needed" in done.reason) == (lowered is None)
+    assert ("say too_weak" in done.reason) == (lowered is None)
+
+
+def test_of_a_rise_that_too_strong_has_left_good_gives_nothing_back() -> None:
+    """Whether another electrode's goes back or not."""
+    said: list[Said] = [(40, "too_weak", (0,)), (110, "too_weak", (0,)), (180, "too_strong", (0,))]
+    _, left = last_of(*said, may_raise=True)
+    assert left > 1.0
+    for good in ((0,), None):
+        done, factor = last_of(*said, (245, "good", good), may_raise=True)
+        assert factor <= left, done
+
+
 def test_good_of_what_is_whole_asks_for_nothing_more() -> None:
     assert last_of((40, "good", None))[0] == FeltDone(did="nothing")
 

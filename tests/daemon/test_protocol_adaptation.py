@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from etd.files.raises_in_words import raises_in_words
 from etd.protocol.adaptation import (
     LEAST_ANSWERS,
     LEAST_WEAKER,
     MeasuredAdaptation,
-    raises_in_words,
     why_not_raised,
 )
 

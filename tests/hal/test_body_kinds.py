@@ -18,7 +18,7 @@ from etd_body.interface import Side
 from etd_body.kinds import BodyFigures, BodyKind, BodyRanges, Span, drawn, living
 from etd_body.living import LivingBody
 from etd_body.nerve import TOUCH_ROWS, Nerves, NerveSpread
-from etd_body.shifts import UNSHIFTED, FeelingFigures
+from etd_body.shifts import UNSHIFTED, FeelingFigures, Shifts
 from etd_body.skin import SkinFigures
 
 pytestmark = pytest.mark.slow
@@ -252,6 +252,30 @@ def test_a_weak_pulse_beside_it_makes_one_felt_that_was_not() -> None:
     assert felt(3, 2 * MS) == 0.0, "it is no neighbor"
     assert felt(1, 60 * MS) == 0.0, "it was long ago"
     assert felt(0, 2 * MS) == 0.0, "it is the same electrode"
+
+
+def test_a_strong_pulse_beside_it_adds_as_one_that_is_not_felt_and_all_pages_say_so() -> None:
+    """By design: the source is of pulses below threshold, and the benches' are above."""
+    felt = []
+    for driven in (0.1, 0.5, 1.0, 3.0, 10.0):
+        shifts = Shifts(FeelingFigures(summed=0.3), PLACES)
+        shifts.let_pass(0.0)
+        peaks = np.zeros(len(PLACES))
+        peaks[1] = driven
+        shifts.shifted(peaks, 1, 0.0)
+        felt.append(shifts.shifted(np.ones(len(PLACES)), 0, 2.0 * MS)[0])
+    assert felt == [pytest.approx(1.0 / 0.7)] * 5
+    root = Path(__file__).parents[2]
+    for page, told in (
+        (
+            "docs/body.md",
+            "that one above threshold does the same, 20 ms, and that pain stays [design]",
+        ),
+        ("docs/stabilization.md", "add as those below do by design: its source is of pulses below"),
+        ("hal/etd_body/kinds.py", "one above does the same [design]"),
+        ("hal/etd_body/shifts.py", "above its own threshold too, of which the source says nothing"),
+    ):
+        assert told in " ".join((root / page).read_text("utf-8").split())
 
 
 def test_a_neighbor_moves_no_pain() -> None:

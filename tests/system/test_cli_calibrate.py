@@ -217,7 +217,7 @@ def test_a_fit_that_began_anew_goes_on_with_the_command_without_restart(rig: Com
 
 
 @pytest.mark.parametrize(
-    ("key", "said", "state"), [(b"q", "paused; ", "SAFE"), (b" ", "stopped: ", "HALTED")]
+    ("key", "said", "state"), [(b"q", "paused", "SAFE"), (b" ", "stopped: ", "HALTED")]
 )
 def test_the_keys_that_end_it_are_heard_while_the_operator_is_waited_for(
     rig: CommandRig, key: bytes, said: str, state: str

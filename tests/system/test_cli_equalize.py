@@ -76,7 +76,11 @@ def test_what_was_too_strong_is_taken_from_what_it_compares_with_at_once(rig: Co
         lowered = exported(rig, "P01")
         while rig.run("status", "--json").answer["status"]["state"] != "SAFE":
             pass  # Its lease has not lapsed yet.
-        refused = rig.run(*asked)
+        at = AtTerminal(rig, *asked)
+        try:
+            refused = at.command.ended()
+        finally:
+            at.close()
         assert exported(rig, "P02") == lowered
     assert lowered.is_whole_accepted is None
     was, now = before.electrode[REFERENCE], lowered.electrode[REFERENCE]

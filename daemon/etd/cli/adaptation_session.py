@@ -33,19 +33,18 @@ from etd.calibrate.course import Course
 from etd.calibrate.modelled import FeltPresenter, ModelledBody
 from etd.calibrate.person import SimulatedPerson
 from etd.calibrate.trial import TooStrongSaid
-from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_result import kept_lower, store, stored_lowered, tell_trials
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
-from etd.cli.calibrate_stage import stimulator_on
-from etd.cli.keys import keyboard
+from etd.cli.calibrate_stage import Stage
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
-from etd.protocol.adaptation import MeasuredAdaptation, raises_in_words
+from etd.files.raises_in_words import raises_in_words
+from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError, FileError
 from etd_hal.compose import wall_time
@@ -69,6 +68,7 @@ class AdaptationSession:
 
     def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
         self._args, self._display, self._which = args, display, which
+        self.stage = Stage(args, display)
         self._is_simulated = args.answers == "simulated"
         with calibrated_first(_OPTION):
             self._baseline = display.calibration(args.baseline)
@@ -123,7 +123,7 @@ class AdaptationSession:
             self._say(_TODO.format(LIES_PART * use_s, use_s))
             answerer = self._armed_answerer(stack, body)
             stimulator = stack.enter_context(
-                stimulator_on(self._display, self._conditions, answerer.wants_stop, body.hear)
+                self.stage.stimulator(self._conditions, answerer.wants_stop, body.hear)
             )
             stimulator.open()
             presenter: Presenter = stimulator
@@ -140,13 +140,10 @@ class AdaptationSession:
     def _armed_answerer(self, stack: ExitStack, body: ModelledBody) -> Answerer:
         """Raises: Stopped, Refused."""
         if self._is_simulated:
-            self._display.arm(ARM_WITHIN_S)
+            self.stage.arm()
             seed = SIMULATED_SEED if self._args.seed is None else self._args.seed
             return SimulatedPerson(body.sense, seed)
-        keys = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
-        at_once = self._args.board is not None or self._args.arm
-        armed_for(self._display, keys, at_once=at_once)
-        return keys
+        return stack.enter_context(self.stage.armed_keys(self._screen.ask, self._screen.heard))
 
     def _feel_whole(self, presenter: Presenter, answerer: Answerer) -> None:
         """Up to level 1; what is too strong takes all down."""

@@ -30,7 +30,10 @@ def is_armed(display: Display) -> bool:
 
 
 def armed_for(display: Display, keys: Keyboard, *, at_once: bool) -> None:
-    """Arm it, or wait until the operator has. Raises: Stopped; Refused."""
+    """Arm it, or wait until the operator has. Raises: Stopped; Refused; FileError, if there is no
+    keyboard.
+    """
+    _heed(display, keys)
     if at_once:
         display.arm(ARM_WITHIN_S)
         return
@@ -38,12 +41,17 @@ def armed_for(display: Display, keys: Keyboard, *, at_once: bool) -> None:
         return
     print("waiting for the operator: `etd arm`   (SPACE STOP   q pause)", file=sys.stderr)
     while not is_armed(display):
-        if (ending := keys.asked_to_end()) is not None:
-            if ending == "stop":
-                display.stop()
-            raise Stopped(ending)
+        _heed(display, keys)
         display.keep()
         clock.sleep_s(_LOOK_S)
+
+
+def _heed(display: Display, keys: Keyboard) -> None:
+    """Before anything is presented. Raises: Stopped; FileError."""
+    if (ending := keys.asked_to_end(is_before_all=True)) is not None:
+        if ending == "stop":
+            display.stop()
+        raise Stopped(ending)
 
 
 def safe_again(display: Display) -> None:

@@ -12,7 +12,7 @@ import functools
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import get_args
+from typing import TypeAlias, get_args
 
 import msgspec
 
@@ -48,9 +48,12 @@ _ANSWERED_WITHIN_S = 2.0
 
 #: An hour: touch has adapted after a quarter of one.
 _MOST_USE_S = 3_600
-_SESSIONS: Mapping[
-    str | None, type[CalibrateSession] | type[FitSession] | type[AdaptationSession]
-] = {None: CalibrateSession, "--fit": FitSession, "--adaptation": AdaptationSession}
+_Session: TypeAlias = CalibrateSession | FitSession | AdaptationSession
+_SESSIONS: Mapping[str | None, type[_Session]] = {
+    None: CalibrateSession,
+    "--fit": FitSession,
+    "--adaptation": AdaptationSession,
+}
 
 HELP = "find a person's thresholds, comfortable levels and caps, one key per answer"
 EPILOG = f"""
@@ -248,9 +251,7 @@ def run(args: argparse.Namespace) -> int:
         display.check_may_store()
         with options.wrong_use(args):
             kind = _SESSIONS[added_by(args)]
-            calibrating: CalibrateSession | FitSession | AdaptationSession = kind(
-                args, display, which
-            )
+            calibrating: _Session = kind(args, display, which)
         try:
             calibrating.run()
         except KeyboardInterrupt:
@@ -258,24 +259,30 @@ def run(args: argparse.Namespace) -> int:
             display.stop()
             with contextlib.suppress(OSError):
                 ended = Stopped("stop")
-                said = f"{ended}{until_cleared(args, ended)}; {calibrating.kept}"
-                print(f"etd: {said}", file=sys.stderr, flush=True)
+                print(f"etd: {_said(args, ended, calibrating)}", file=sys.stderr, flush=True)
                 tell_trials(args, calibrating.trials)
             raise
         except Stopped as stopped:
             code = "paused" if stopped.answer == "pause" else "stopped"
-            said = f"{stopped}{until_cleared(args, stopped)}; {calibrating.kept}"
+            said = _said(args, stopped, calibrating)
             options.answer_no(args, code, said, trials=calibrating.trials)
             tell_trials(args, calibrating.trials)
             return 1
         except EtdError as error:
             is_unsaved = isinstance(error, FileError) and error.file == calibrating.saved_in
-            if isinstance(error, Refused | DaemonGone | FileError) and not is_unsaved:
+            is_told = isinstance(error, Refused | DaemonGone | FileError) and not is_unsaved
+            if is_told and calibrating.stage.has_begun:
                 # The lease has lapsed, the daemon has ended, a disk is full: not what was answered.
                 print(f"etd: {calibrating.kept}", file=sys.stderr, flush=True)
             tell_trials(args, calibrating.trials)
             raise
         return calibrating.settle()
+
+
+def _said(args: argparse.Namespace, stopped: Stopped, calibrating: _Session) -> str:
+    """What was kept is told once it has begun."""
+    kept = f"; {calibrating.kept}" if calibrating.stage.has_begun else ""
+    return f"{stopped}{until_cleared(args, stopped)}{kept}"
 
 
 @contextlib.contextmanager

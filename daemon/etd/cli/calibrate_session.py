@@ -35,7 +35,6 @@ from etd.calibrate.progress import (
 )
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.cli import options
-from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_conditions import COMMAND_LINE, requested_conditions
 from etd.cli.calibrate_kept import kept_of_restart, made_on, name_of_daemon
 from etd.cli.calibrate_result import (
@@ -46,10 +45,9 @@ from etd.cli.calibrate_result import (
     tell_trials,
 )
 from etd.cli.calibrate_screen import Screen
-from etd.cli.calibrate_stage import stimulator_on
+from etd.cli.calibrate_stage import Stage
 from etd.cli.calibrate_watch import Watch
 from etd.cli.doubts import doubts_of, drift_in_words
-from etd.cli.keys import keyboard
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.cli.whole_taken_down import said_of_whole
@@ -71,6 +69,7 @@ class CalibrateSession:
         self._args = args
         self._display = display
         self._which = which
+        self.stage = Stage(args, display)
         self._file = calibrating_file(name_of_daemon(args), which)
         check_progress_folder(self._file)
         self._baseline = display.calibration(args.baseline) if args.baseline else None
@@ -117,19 +116,16 @@ class CalibrateSession:
             answerer: Answerer
             if self._is_simulated:
                 answerer = SimulatedPerson(body.sense, self._progress.seed or 0)
-                self._display.arm(ARM_WITHIN_S)
+                self.stage.arm()
             else:
-                answerer = stack.enter_context(keyboard(self._screen.ask, self._screen.heard))
-                at_once = self._args.board is not None or self._args.arm
-                armed_for(self._display, answerer, at_once=at_once)
+                keys = self.stage.armed_keys(self._screen.ask, self._screen.heard)
+                answerer = stack.enter_context(keys)
             if self._args.restart:
                 save_progress(self._file, self._progress)
             # A run before this one may have ended, or been refused, before it was stored.
             self._store_lowered()
             stimulator = stack.enter_context(
-                stimulator_on(
-                    self._display, self._progress.conditions, answerer.wants_stop, body.hear
-                )
+                self.stage.stimulator(progress.conditions, answerer.wants_stop, body.hear)
             )
             presenter: Presenter = stimulator
             if self._is_simulated:

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 from etd.cli.doubts import drift_in_words
-from etd.protocol.adaptation import MeasuredAdaptation, raises_in_words
+from etd.files.raises_in_words import raises_in_words
+from etd.protocol.adaptation import MeasuredAdaptation
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.exponent import FittedExponent
 

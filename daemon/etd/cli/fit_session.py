@@ -36,7 +36,6 @@ from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.progress import Progress, check_progress_folder, save_progress
 from etd.calibrate.stimulator import Stimulator
 from etd.cli import options
-from etd.cli.arming import ARM_WITHIN_S, armed_for
 from etd.cli.calibrate_added import calibrated_first, otherwise
 from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_kept import kept_of_restart, made_on, name_of_daemon
@@ -49,11 +48,10 @@ from etd.cli.calibrate_result import (
 )
 from etd.cli.calibrate_screen import Screen
 from etd.cli.calibrate_session import SIMULATED_SEED
-from etd.cli.calibrate_stage import stimulator_on
+from etd.cli.calibrate_stage import Stage
 from etd.cli.calibration_shown import k_in_words
 from etd.cli.false_alarms import said_of_false_alarms_of_fit
 from etd.cli.fit_wearer import PersonAtKeys, SimulatedWearer, Wearer
-from etd.cli.keys import keyboard
 from etd.cli.taken_name import check_name_is_theirs
 from etd.cli.trials_file import TrialsFile, new_trials_path
 from etd.client import Display, clock
@@ -71,6 +69,7 @@ class FitSession:
 
     def __init__(self, args: argparse.Namespace, display: Display, which: str) -> None:
         self._args, self._display, self._which = args, display, which
+        self.stage = Stage(args, display)
         self._file = calibrating_file(name_of_daemon(args), which, ".fit")
         check_progress_folder(self._file)
         self._is_simulated = args.answers == "simulated"
@@ -118,7 +117,7 @@ class FitSession:
             self._store_lowered()
             conditions = self._progress.conditions
             stimulator = stack.enter_context(
-                stimulator_on(self._display, conditions, wearer.answerer.wants_stop, wearer.hear)
+                self.stage.stimulator(conditions, wearer.answerer.wants_stop, wearer.hear)
             )
             stimulator.open()
             while (state := self._fitting.state) is not None and not self._fitting.is_lost:
@@ -127,13 +126,11 @@ class FitSession:
     def _armed_wearer(self, stack: ExitStack) -> Wearer:
         """Raises: Stopped, Refused."""
         if self._is_simulated:
-            self._display.arm(ARM_WITHIN_S)
+            self.stage.arm()
             return SimulatedWearer(self._progress.seed)
         keys = stack.enter_context(
-            keyboard(lambda question: self._screen.ask(question), self._heard)
+            self.stage.armed_keys(lambda question: self._screen.ask(question), self._heard)
         )
-        at_once = self._args.board is not None or self._args.arm
-        armed_for(self._display, keys, at_once=at_once)
         return PersonAtKeys(keys, self._say)
 
     def _ask_in(self, state: SkinState, wearer: Wearer, stimulator: Stimulator) -> None:

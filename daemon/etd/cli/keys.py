@@ -4,7 +4,8 @@ Owns: reading single keys without Enter, what each key means, and the line that 
 know: what is presented, daemons.
 
 A key pressed before the question is dropped; the stop keys always count. The end of the input (a
-closed terminal) is a stop, because no stop key could be pressed any more.
+closed terminal) is a stop, because no stop key could be pressed any more. Before anything is
+presented, and without a key until then, there was no keyboard: that is refused, and stops nothing.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 from etd.calibrate.answers import ANSWERS, Answer, Ask, Question
+from etd.calibrate.trial import Stopped
 from etd.protocol.errors import FileError
 
 KEYS: dict[str, Answer] = {
@@ -44,6 +46,8 @@ KEYS: dict[str, Answer] = {
     "\x1b": "stop",
     "\x03": "stop",
 }
+#: Why it was stopped, where the input has ended.
+INPUT_CLOSED = "the input was closed"
 _KEEP_S = 0.25
 _COLUMNS = 80
 
@@ -59,15 +63,22 @@ def legend(ask: Ask) -> str:
 
 class Keyboard:
     """Implements `Answerer`. `show` is called with each question before its key is read, `heard`
-    with the meaning of each key: None for a key that is no answer to this question.
+    with the meaning of each key: None for a key that is no answer to this question. `stop` is
+    called at once where the input has ended. All that read keys raise then: Stopped.
     """
 
     def __init__(
-        self, fd: int, show: Callable[[Question], None], heard: Callable[[Answer | None], None]
+        self,
+        fd: int,
+        show: Callable[[Question], None],
+        heard: Callable[[Answer | None], None],
+        stop: Callable[[], None],
     ) -> None:
         self._fd = fd
         self._show = show
         self._heard = heard
+        self._stop = stop
+        self._was_pressed = False
 
     def answer(self, question: Question, keep: Callable[[], None]) -> Answer:
         if self.wants_stop():
@@ -91,10 +102,12 @@ class Keyboard:
                 return True
         return False
 
-    def asked_to_end(self) -> Answer | None:
-        """`stop` or `pause` if pressed, while no question is open. Drops all other keys."""
+    def asked_to_end(self, *, is_before_all: bool = False) -> Answer | None:
+        """`stop` or `pause` if pressed, while no question is open. Drops all other keys.
+        `is_before_all`: nothing was presented yet. Raises: FileError, if there is no keyboard.
+        """
         heard: Answer | None = None
-        while (answer := self._pressed(0.0)) is not None:
+        while (answer := self._pressed(0.0, is_before_all=is_before_all)) is not None:
             if answer == "stop":
                 return "stop"
             heard = "pause" if answer == "pause" else heard
@@ -108,15 +121,24 @@ class Keyboard:
             keep()
         return "stop" if pressed == "stop" else "pause" if pressed == "pause" else None
 
-    def _pressed(self, timeout_s: float) -> Answer | str | None:
+    def _pressed(self, timeout_s: float, *, is_before_all: bool = False) -> Answer | str | None:
         """The meaning of the next key ("" for an unknown one); None after the time-out."""
         ready, _, _ = select.select([self._fd], [], [], timeout_s)
         if not ready:
             return None
         data = os.read(self._fd, 1)
+        if not data:
+            self._ended(is_before_all=is_before_all)
+        self._was_pressed = True
         if data == b"\x1b" and self._is_sequence():
             return ""
-        return KEYS.get(data.decode(errors="replace").lower(), "") if data else "stop"
+        return KEYS.get(data.decode(errors="replace").lower(), "")
+
+    def _ended(self, *, is_before_all: bool) -> NoReturn:
+        if is_before_all and not self._was_pressed:
+            raise _no_keyboard()
+        self._stop()
+        raise Stopped("stop", INPUT_CLOSED)
 
     def _is_sequence(self) -> bool:
         """Whether that byte began an arrow, or another key that a terminal sends as several bytes
@@ -134,18 +156,24 @@ class Keyboard:
 
 @contextmanager
 def keyboard(
-    show: Callable[[Question], None], heard: Callable[[Answer | None], None]
+    show: Callable[[Question], None],
+    heard: Callable[[Answer | None], None],
+    stop: Callable[[], None],
 ) -> Iterator[Keyboard]:
     """Keys of the terminal, without Enter; of a pipe where there is no terminal. Raises: FileError,
     where there is neither.
     """
     if sys.stdin is None:
-        raise FileError(
-            "the standard input", "", "it is closed, so no key can be pressed", "use a terminal"
-        )
+        raise _no_keyboard()
     fd = sys.stdin.fileno()
     with key_by_key(fd):
-        yield Keyboard(fd, show, heard)
+        yield Keyboard(fd, show, heard, stop)
+
+
+def _no_keyboard() -> FileError:
+    return FileError(
+        "the standard input", "", "it is closed, so no key can be pressed", "use a terminal"
+    )
 
 
 @contextmanager

@@ -302,11 +302,11 @@ class AsyncDisplay(Connection[zmq.asyncio.Socket]):
             raise
         await self._run(self._session.end_record(name))
 
-    async def stop(self) -> None:
+    async def stop(self, why: str = "") -> None:
         """Silence at once, whichever client holds the lease and whatever is under way here."""
         exchange = self._new_exchange()
         try:
-            await exchange.run(self._session.stop())
+            await exchange.run(self._session.stop(why))
         finally:
             exchange.hang_up()
 

@@ -345,15 +345,15 @@ class Display(Connection["zmq.Socket[bytes]"]):
             raise
         self._run(self._session.end_record(name))
 
-    def stop(self) -> None:
-        """Silence at once, whichever client holds the lease; HALTED until `clear`. The one method
-        that any thread may call, and any process that forked from the one that made it.
+    def stop(self, why: str = "") -> None:
+        """Silence at once, whichever client holds the lease; HALTED until `clear`, which is told
+        with `why`. Any thread may call it, and any process that forked from the one that made it.
         """
         # A copy of a context works for no child.
         context = self._new_context() if self._owner.has_forked else self._context
         exchange = Exchange(context, self._way, self._session, clock.sleep_s)
         try:
-            exchange.run(self._session.stop())
+            exchange.run(self._session.stop(why))
         finally:
             exchange.hang_up()
             if context is not self._context:

@@ -24,6 +24,8 @@ Cut: TypeAlias = Literal["replaced", "disarmed", "ended", "late", "refused", "no
 _LATE = ("overrun", "processor")
 #: Fewer pulses than this part of what rate and time make are told.
 _ENOUGH = 0.98
+#: Less than this would be told as 1.00 times what was asked.
+_RAISED = 1.005
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Presented:
 
     `as_asked`: each electrode that was asked for was fired as long as it was to be, and nothing was
     taken from any pulse. Otherwise `why_not` says in sentences what was, from `clamped`,
-    `not_fired` and the number of pulses.
+    `not_fired` and the number of pulses. Laws, and answers where the body site lets them, may
+    raise: `as_asked` is True then, `most_ua` is above `wanted_ua`, and the printed line says so.
     """
 
     #: Of its frames, as in telemetry.
@@ -65,19 +68,26 @@ class Presented:
 
     @property
     def as_asked(self) -> bool:
-        """Whether nothing was less than it was asked for."""
+        """Whether nothing was less than it was asked for; it may have been more."""
         return not self.why_not
 
     def __str__(self) -> str:
         """One line: what was fired, and what was not as it was asked."""
         felt = [electrode for electrode, count in enumerate(self.pulses) if count]
-        told = "; ".join(self.why_not) or "as asked"
+        told = "; ".join([*(self.why_not or ["as asked"]), *self._raised()])
         if not felt:
             return f"nothing was fired: {told}"
         where = f"electrode {felt[0]}" if len(felt) == 1 else f"{len(felt)} electrodes"
         least_ua, most_ua = min(self.least_ua[one] for one in felt), max(self.most_ua)
         current = f"{most_ua}" if least_ua == most_ua else f"{least_ua} to {most_ua}"
         return f"{sum(self.pulses)} pulses at {where}, {current} uA, {self.rate_hz:.1f} Hz: {told}"
+
+    def _raised(self) -> list[str]:
+        """How far the one that was raised most was: no source makes more of a current by itself."""
+        both = zip(self.most_ua, self.wanted_ua, strict=True)
+        times = max((most_ua / wanted_ua for most_ua, wanted_ua in both if wanted_ua), default=1.0)
+        is_told = times >= _RAISED
+        return [f"raised up to {times:.2f} times by a law or an answer"] if is_told else []
 
     @property
     def latency_ns(self) -> int | None:

@@ -140,8 +140,9 @@ class Session:
         reply: StatusReply = yield self._ask("status")
         return reply.status
 
-    def stop(self) -> Flow[None]:
-        yield self._ask("stop", {"client": self._client})
+    def stop(self, why: str = "") -> Flow[None]:
+        said = escaped(f", {why}" if why else "")[:64]
+        yield self._ask("stop", {"client": f"{self._client[: 64 - len(said)]}{said}"})
 
     def clear(self) -> Flow[None]:
         """Leave HALTED. No lease outlives a halt, so the next `arm` opens a new one."""

@@ -46,6 +46,10 @@ _CEILING = (
     "too_strong was said of what another limit had left: nothing {} {} uA at electrode {}, no soft"
     " start either; too_weak lets that rise by 5 % a minute, and disarming begins anew"
 )
+_FALLS = (
+    "of what was raised above the frame's own strength, good takes what is not expected to be"
+    " needed any more: where it is weaker then, say too_weak"
+)
 _CUT = (
     "another limit leaves less than is asked for, and no word raises that: the clamps of replies"
     " and scans tell which"
@@ -223,12 +227,14 @@ class Feeling:
             did, waits_ns = "nothing", None
             if rises:
                 did, waits_ns = "gives_back", ceilings.waits_ns(about, now_ns)
+        # *Too weak* lowers nothing.
+        falls = _FALLS if did == "lowered" else ""
         later = "" if waits_ns is None else _NOT_BEFORE.format(math.ceil(waits_ns / 1e9))
         why = _of_ceilings("had passed", bound_ua)
         if did == "nothing":
             why = self._why_it_stays(answer, about, why, are_cut=are_cut)
         why = why or self._why_not_higher(answer, did)
-        return FeltDone(did=did, reason="; ".join(filter(None, (later, why))))
+        return FeltDone(did=did, reason="; ".join(filter(None, (falls, later, why))))
 
     def _left(self, electrode: int) -> float:
         """By the word, of what is asked or of what was fired."""

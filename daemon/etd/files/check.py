@@ -19,8 +19,9 @@ from etd.files.body_site import BodySite, load_body_site, passes_yardstick, yard
 from etd.files.calibration import load_calibration
 from etd.files.configuration import EtdConfig, load_config
 from etd.files.json_file import read_json
+from etd.files.raises_in_words import raises_in_words
 from etd.files.resources import find
-from etd.protocol.adaptation import raises_in_words, why_not_raised
+from etd.protocol.adaptation import why_not_raised
 from etd.protocol.calibration import Calibration
 from etd.protocol.errors import EtdError
 from etd.stabilize.settings import BY_RESISTANCE, Settings

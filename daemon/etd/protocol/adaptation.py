@@ -7,13 +7,10 @@ by how much, calibrations.
 from __future__ import annotations
 
 import datetime
-import math
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
-
-from etd.stabilize.said_electrode import fades_a_minute
 
 #: Of the answers that count, the part that says *weaker*, and how many there are at least. Who
 #: feels it as at first, and errs one time of five to either side, says it so often by a chance of
@@ -27,7 +24,7 @@ MOST_STRONGER = 0.3
 LEAST_USE_S = 480.0
 #: Midnight comes at another time elsewhere.
 _AHEAD = datetime.timedelta(days=1)
-_AGAIN = "measure it again (etd calibrate CODE --adaptation)"
+MEASURE_AGAIN = "measure it again (etd calibrate CODE --adaptation)"
 
 Count = Annotated[int, Meta(ge=0, le=1_000)]
 
@@ -76,12 +73,12 @@ class MeasuredAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         if self.date < calibrated:
             return (
                 f"it is of {self.date}, before the calibration that it stands in, of {calibrated}:"
-                f" {_AGAIN}"
+                f" {MEASURE_AGAIN}"
             )
         if today is not None and self.date > today + _AHEAD:
             return (
-                f"it is of {self.date}, and today is {today}: set the clock, or {_AGAIN}; until"
-                " then the engine, which knows no date, goes by it"
+                f"it is of {self.date}, and today is {today}: set the clock, or {MEASURE_AGAIN};"
+                " until then the engine, which knows no date, goes by it"
             )
         return None
 
@@ -109,20 +106,3 @@ def why_not_raised(
         )
     why = adaptation.why_not_in(calibrated, today)
     return None if why is None else f"{adaptation.in_words}: {why}"
-
-
-def raises_in_words(why_not: str | None, adaptation: MeasuredAdaptation | None) -> str:
-    """What follows of it, at a body site that allows it."""
-    if why_not is not None:
-        return f"the person's word raises nothing: {why_not}"
-    return (
-        "the person's word may raise levels, by at most 5 % a minute and 20 % in all, at a body"
-        f" site that allows it (felt_may_raise); {_good_in_words(adaptation)}"
-    )
-
-
-def _good_in_words(adaptation: MeasuredAdaptation | None) -> str:
-    if adaptation is None or adaptation.weaker_from_s is None:
-        return f"good raises nothing, since it is not told how fast use is felt less: {_AGAIN}"
-    part = math.exp(fades_a_minute(adaptation.weaker_from_s)) - 1.0
-    return f"good makes up for {part:.1%} a minute of use"

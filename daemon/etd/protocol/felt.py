@@ -26,7 +26,7 @@ Named = Annotated[
 class FeltDone(msgspec.Struct, frozen=True, kw_only=True):
     """What an answer did: `lowered` at once; `gives_back`: what was lowered comes back, by at most
     5 % a minute; `raises`: the same, above the frame's own strength; `nothing`. `reason`: why it
-    did not do more, or not yet, where more was asked for.
+    did not do more, or not yet, where more was asked for; and why *good* lowered.
     """
 
     did: Followed
