@@ -113,7 +113,7 @@ def test_stop_halts_until_it_is_cleared(shared: CommandRig) -> None:
     assert stopped.status == 0
     assert [entry["name"] for entry in stopped.answer["daemons"]] == ["main"]
     status = shared.run("status")
-    assert "HALTED by stop (etd stop" in status.out
+    assert f"HALTED by stop ('etd stop' (user {os.getuid()})" in status.out
     refused = shared.run("measure", "--json")
     assert (refused.status, refused.answer["error"]) == (1, "halted")
     assert shared.run("clear").status == 0
@@ -381,7 +381,7 @@ def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:
         assert rig.run("stop").status == 0
         said = playing.ended()
         assert said.status == 1
-        assert "halted by stop (etd stop: asked to stop)" in said.err
+        assert f"halted by stop ('etd stop' (user {os.getuid()}): asked to stop)" in said.err
 
 
 def test_somebody_elses_lease_is_respected(rig: CommandRig) -> None:

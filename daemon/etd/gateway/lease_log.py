@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 
 from etd.gateway.lease import StandingLease
+from etd.protocol.who import who
 
 #: Between two summaries, so many openings are told one by one: of one client, and of all.
 MOST_OF_ONE = 3
@@ -34,7 +35,7 @@ class LeaseLog:
         if before is not None and self._is_holder_told:
             lines.append(f"lease of {before.client!r} ended")
         if standing is not None:
-            lines += self._opened(_who(standing))
+            lines += self._opened(who(standing.client, standing.uid))
         return lines
 
     def summary(self) -> list[str]:
@@ -42,24 +43,20 @@ class LeaseLog:
         lines: list[str] = []
         if self._untold:
             others = self._untold.pop("", 0)
-            counts = [f"{count} by {who}" for who, count in sorted(self._untold.items())]
+            counts = [f"{count} by {named}" for named, count in sorted(self._untold.items())]
             counts += [f"{others} by other clients"] if others else []
             lines.append(f"since the last summary: more leases opened: {', '.join(counts)}")
         if self._holder is not None and not self._is_holder_told:
-            lines.append(f"the lease is now held by {_who(self._holder)}")
+            lines.append(f"the lease is now held by {who(self._holder.client, self._holder.uid)}")
             self._is_holder_told = True
         self._told.clear()
         self._untold.clear()
         return lines
 
-    def _opened(self, who: str) -> list[str]:
-        self._is_holder_told = self._told[who] < MOST_OF_ONE and self._told.total() < MOST_OF_ALL
+    def _opened(self, named: str) -> list[str]:
+        self._is_holder_told = self._told[named] < MOST_OF_ONE and self._told.total() < MOST_OF_ALL
         if self._is_holder_told:
-            self._told[who] += 1
-            return [f"lease opened by {who}"]
-        self._untold[who if self._told[who] else ""] += 1
+            self._told[named] += 1
+            return [f"lease opened by {named}"]
+        self._untold[named if self._told[named] else ""] += 1
         return []
-
-
-def _who(lease: StandingLease) -> str:
-    return f"{lease.client!r} (user {lease.uid})"
