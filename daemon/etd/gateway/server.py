@@ -144,7 +144,8 @@ class Gateway:
         for answer in (*self._records.written(now_ns), *self._readings.answers(now_ns)):
             self._settle(answer)
         self._publisher.repeat_state(now_ns)
-        self._journal.record(self._recorder.running, self._recorder.problem)
+        recorder = self._recorder
+        self._journal.record(recorder.running, recorder.problem, recorder.uid)
         self._journal.lease(self._leases.standing)
         self._journal.refusals(self.counters, now_ns)
 
@@ -250,7 +251,7 @@ class Gateway:
                 self._journal.engine_found(message)
             elif isinstance(message, Report):
                 if message.state is not None:
-                    self._journal.state(message.state)
+                    self._journal.state(message.state, self._leases.standing)
                 self._publisher.pass_on(message, now_ns)
         if self._engine.has_ended:
             self._lose_engine(self._clock.now_ns())
