@@ -8,11 +8,12 @@ from collections import Counter
 
 import pytest
 
+from etd.gateway.inbound import InboundMessage
 from etd.gateway.journal import SUM_UP_NS, Journal
 from etd.gateway.lease import StandingLease
 from etd.gateway.state_log import LASTING_NS
 from etd.gateway.summed_up import MOST_APART, MOST_ONE_BY_ONE
-from etd.protocol.messages import Halt, State, StateReport
+from etd.protocol.messages import Arm, Clear, Halt, State, StateReport
 from etd.protocol.who import who
 
 FAULT = Halt(cause="fault", source="SpiError", detail="the transfer failed", t_ns=1)
@@ -45,8 +46,21 @@ class Story:
         self.state("HALTED", halt)
         self.lease(None)
 
-    def clear(self) -> None:
+    def clear(self, by: int = 1000) -> None:
+        self._ask(Clear(), by)
         self.state("SAFE")
+        self.replied()
+
+    def _ask(self, request: Clear | Arm, uid: int) -> None:
+        self._asked = InboundMessage(1, (), uid, b"")
+        self._journal.asked(request, self._asked)
+
+    def replied(self, *, is_done: bool = True) -> None:
+        self._journal.replied(self._asked, is_done=is_done)
+
+    def answered(self, request: Clear | Arm, uid: int, *, is_done: bool = True) -> None:
+        self._ask(request, uid)
+        self.replied(is_done=is_done)
 
     def lease(self, standing: StandingLease | None) -> None:
         self._lease = standing
@@ -55,9 +69,11 @@ class Story:
     def open(self, uid: int, client: str) -> None:
         self.lease(StandingLease("t", client, uid))
 
-    def arm(self) -> None:
+    def arm(self, by: int = 1000) -> None:
+        self._ask(Arm(), by)
         self.state("PROBE")
         self.state("ARMED")
+        self.replied()
 
     def disarm(self) -> None:
         self.state("SAFE", last_disarm="disarmed")
@@ -138,7 +154,7 @@ def test_stops_and_leases_hide_no_arming_and_not_the_stop_that_ends_it() -> None
     story.stop(2001, "again")
     lines = story.lines()
     assert lines[-2:] == [
-        "ARMED: the lease of 'EVIL' (user 2001)",
+        "ARMED by user 1000: the lease of 'EVIL' (user 2001)",
         "HALTED by stop ('again' (user 2001)): asked to stop",
     ]
 
@@ -160,7 +176,7 @@ def test_an_arming_that_lasts_has_its_lines_after_any_number_of_short_ones(
     story.disarm()
     story.sum_up()
     lines = story.lines()
-    at = lines.index("ARMED: the lease of 'EVIL' (user 2001)")
+    at = lines.index("ARMED by user 1000: the lease of 'EVIL' (user 2001)")
     assert lines[at + 1] == "SAFE: disarmed"
     more = 2 * 500 - MOST_ONE_BY_ONE
     assert any(f"{more} more beginnings and ends of ARMED by user 2001" in line for line in lines)
@@ -176,7 +192,7 @@ def test_a_fault_tells_whose_arming_it_ends_however_many_there_were() -> None:
     story.arm()
     story.halt(FAULT)
     assert story.lines()[-2:] == [
-        "ARMED: the lease of 'last' (user 2001)",
+        "ARMED by user 1000: the lease of 'last' (user 2001)",
         "HALTED by fault (SpiError): the transfer failed",
     ]
 
@@ -212,3 +228,49 @@ def test_the_log_of_many_users_who_act_together_is_bounded() -> None:
     story.sum_up()
     kinds = 6  # leases opened, leases ended, records, changes, armings, halts
     assert len(story.lines()) <= kinds * (MOST_APART + 1) * (MOST_ONE_BY_ONE + 1)
+
+
+def test_who_cleared_and_who_armed_is_named_and_whose_lease_it_was() -> None:
+    story = Story()
+    story.stop(2001)
+    story.clear(by=1000)
+    story.open(2001, "study (user 1000)")
+    story.arm(by=1002)
+    assert story.lines()[-4:] == [
+        "SAFE: the halt was cleared by user 1000",
+        "lease opened by 'study (user 1000)' (user 2001)",
+        "PROBE",
+        "ARMED by user 1002: the lease of 'study (user 1000)' (user 2001)",
+    ]
+
+
+def test_what_was_refused_names_nobody() -> None:
+    story = Story()
+    story.stop(2001)
+    story.answered(Clear(), 1001, is_done=False)
+    story.state("SAFE")
+    story.answered(Clear(), 1001, is_done=False)
+    story.answered(Arm(), 1001)
+    assert story.lines()[-1] == "SAFE: the halt was cleared"
+
+
+def test_a_change_whose_answer_was_lost_is_told_before_the_next_one() -> None:
+    story = Story()
+    story.stop(2001)
+    story.state("SAFE")
+    story.stop(1001)
+    story.answered(Clear(), 2001)
+    assert story.lines()[-2:] == [
+        "SAFE: the halt was cleared",
+        "HALTED by stop (user 1001): asked to stop",
+    ]
+
+
+def test_clears_of_a_user_take_no_line_of_another_users() -> None:
+    story = Story()
+    for _ in range(500):
+        story.stop(2001)
+        story.clear(by=2002)
+    story.stop(2001)
+    story.clear(by=1001)
+    assert story.lines()[-1] == "SAFE: the halt was cleared by user 1001"

@@ -16,12 +16,13 @@ import sys
 from collections import Counter
 from typing import TextIO
 
+from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import StandingLease
 from etd.gateway.lease_log import LeaseLog
-from etd.gateway.state_log import StateLog
+from etd.gateway.state_log import Act, StateLog
 from etd.gateway.summed_up import SummedUp
 from etd.protocol.link import EngineHello
-from etd.protocol.messages import StateReport
+from etd.protocol.messages import Arm, Clear, Request, StateReport
 from etd.protocol.text import shown
 
 _QUEUE_LENGTH = 1_000
@@ -119,6 +120,8 @@ class Journal:
         self._states = StateLog(self._log)
         self._engines = SummedUp(self._log, "lines of an engine that came or went", "gone")
         self._records = SummedUp(self._log, "lines of records", "problems")
+        #: Requests that are not answered yet, of which the log tells who asked; by number.
+        self._asked: dict[int, Act] = {}
         #: The record that is written, who began it, and why the last one ended by itself.
         self._record: tuple[str | None, int | None, str | None] = None, None, None
         self._refused: Counter[str] = Counter()
@@ -135,6 +138,7 @@ class Journal:
         """Write what is there. Idempotent."""
         if not self._is_closed:
             self._is_closed = True
+            self._states.close()
             self._writer.stop()
 
     def engine_found(self, engine_hello: EngineHello) -> None:
@@ -155,6 +159,16 @@ class Journal:
 
     def asked_to_end(self) -> None:
         self._log.info("asked to end")
+
+    def asked(self, request: Request, inbound: InboundMessage) -> None:
+        """Each request has one reply."""
+        if isinstance(request, Arm | Clear):
+            self._asked[inbound.number] = "arm" if isinstance(request, Arm) else "clear"
+
+    def replied(self, inbound: InboundMessage, *, is_done: bool) -> None:
+        act = self._asked.pop(inbound.number, None)
+        if act is not None and is_done:
+            self._states.done(act, f"user {inbound.uid}")
 
     def state(self, report: StateReport, lease: StandingLease | None = None) -> None:
         """Log each change of state with its cause, what was not granted once for each engine, each

@@ -226,6 +226,7 @@ class Gateway:
             return
         now_ns = self._clock.now_ns()
         self._recorder.asked(request, inbound, now_ns)
+        self._journal.asked(request, inbound)
         try:
             reply = self._control.handle(request, inbound, now_ns)
         except Refused as refusal:
@@ -336,6 +337,7 @@ class Gateway:
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """A client that has left, or that does not read, is counted."""
         self._recorder.replied(inbound, reply, self._clock.now_ns())
+        self._journal.replied(inbound, is_done=reply.ok)
         parts = (*inbound.route, _encoder.encode(reply))
         if not self._sockets.control.reply(inbound.connection, parts):
             self.counters["replies_not_delivered"] += 1
