@@ -90,6 +90,10 @@ class Story:
         told = self._stream.getvalue().splitlines()
         return [line.removeprefix("etd main: ") for line in told]
 
+    def events(self) -> list[str]:
+        """The lines that are no summary."""
+        return [line for line in self.lines() if not line.startswith("since the last summary")]
+
 
 def test_a_fault_has_its_line_after_any_number_of_stops() -> None:
     story = Story()
@@ -152,7 +156,7 @@ def test_stops_and_leases_hide_no_arming_and_not_the_stop_that_ends_it() -> None
     story.open(2001, "EVIL")
     story.arm()
     story.stop(2001, "again")
-    lines = story.lines()
+    lines = story.events()
     assert lines[-2:] == [
         "ARMED by user 1000: the lease of 'EVIL' (user 2001)",
         "HALTED by stop ('again' (user 2001)): asked to stop",
@@ -191,10 +195,18 @@ def test_a_fault_tells_whose_arming_it_ends_however_many_there_were() -> None:
     story.open(2001, "last")
     story.arm()
     story.halt(FAULT)
-    assert story.lines()[-2:] == [
+    assert story.events()[-2:] == [
         "ARMED by user 1000: the lease of 'last' (user 2001)",
         "HALTED by fault (SpiError): the transfer failed",
     ]
+
+
+def test_what_had_no_line_of_its_own_is_summed_up_at_the_end_too() -> None:
+    story = Story()
+    for _ in range(500):
+        story.stop(2001)
+        story.clear()
+    assert f"{500 - MOST_ONE_BY_ONE} more changes of state by user 2001" in story.lines()[-2]
 
 
 def test_leases_and_records_of_a_user_take_no_line_of_another_users() -> None:
@@ -205,7 +217,7 @@ def test_leases_and_records_of_a_user_take_no_line_of_another_users() -> None:
         story.record(2001, f"r{number}")
     story.open(1001, "study")
     story.record(1001, "P01")
-    lines = story.lines()
+    lines = story.events()
     assert "lease opened by 'study' (user 1001)" in lines
     assert lines[-2:] == ["record 'P01' begun", "record 'P01' ended"]
 
@@ -273,4 +285,4 @@ def test_clears_of_a_user_take_no_line_of_another_users() -> None:
         story.clear(by=2002)
     story.stop(2001)
     story.clear(by=1001)
-    assert story.lines()[-1] == "SAFE: the halt was cleared by user 1001"
+    assert story.events()[-1] == "SAFE: the halt was cleared by user 1001"

@@ -139,6 +139,7 @@ class Journal:
         if not self._is_closed:
             self._is_closed = True
             self._states.close()
+            self._sum_up()
             self._writer.stop()
 
     def engine_found(self, engine_hello: EngineHello) -> None:
@@ -234,6 +235,10 @@ class Journal:
         """Log a change of the holder."""
         self._leases.changed(standing)
 
+    def _sum_up(self) -> None:
+        for each in (self._leases, self._engines, self._states, self._records):
+            each.sum_up()
+
     def refusals(self, counters: Counter[str], now_ns: int) -> None:
         """What was refused or dropped since the last summary, in one line; leases and changes of
         state that had none of their own.
@@ -241,8 +246,7 @@ class Journal:
         if now_ns - self._summed_ns < SUM_UP_NS:
             return
         self._summed_ns = now_ns
-        for each in (self._leases, self._engines, self._states, self._records):
-            each.sum_up()
+        self._sum_up()
         news = counters - self._refused
         self._refused = Counter(counters)
         if news:
