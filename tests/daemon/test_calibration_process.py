@@ -67,7 +67,7 @@ def put(folder: Path, name: str = "p01") -> Path:
 
 def read(
     folder: Path,
-    gateway: Peer = GATEWAY,
+    gateway: Peer | None = GATEWAY,
     *names: str,
     shipped: Path | None = None,
     module: str = "etd.files.calibration_reading",
@@ -93,7 +93,7 @@ def timed(call: Callable[[], T]) -> T:
         assert clock.now_ns() - begun_ns < MOST_CALL_S * 1e9
 
 
-def refused(folder: Path, gateway: Peer = GATEWAY, *names: str) -> str:
+def refused(folder: Path, gateway: Peer | None = GATEWAY, *names: str) -> str:
     with pytest.raises(Refused) as told:
         read(folder, gateway, *names)
     assert told.value.code == "bad_calibration"
@@ -106,31 +106,33 @@ def test_what_an_operator_has_stored_is_read_in_the_order_of_the_names(folder: P
     assert read(folder, GATEWAY, "p02", "p01") == (CALIBRATION, CALIBRATION)
 
 
+@pytest.mark.parametrize("asker", [ME, None], ids=["the engine", "the gateway, to show it"])
 @pytest.mark.parametrize(("mode", "who"), [(0o666, "everybody"), (0o664, "the group 65534")])
 @needs_root
 def test_where_all_is_one_users_a_file_that_others_could_write_is_not_read(
-    folder: Path, mode: int, who: str
+    folder: Path, mode: int, who: str, asker: Peer | None
 ) -> None:
     folder.chmod(0o750)
     os.chown(folder, 0, 0)
     path = folder / "p01.toml"
     os.chown(path, 0, OPERATORS)
     path.chmod(mode)
-    assert f"{who} may write it" in refused(folder, ME)
+    assert f"{who} may write it" in refused(folder, asker)
     path.chmod(0o644)
-    assert read(folder, ME) == (CALIBRATION,)
+    assert read(folder, asker) == (CALIBRATION,)
     os.chown(path, OPERATOR, 0)
-    assert f"belongs to user {OPERATOR}" in refused(folder, ME)
+    assert f"belongs to user {OPERATOR}" in refused(folder, asker)
 
 
-def test_where_all_is_one_users_its_own_files_are_read(folder: Path) -> None:
+@pytest.mark.parametrize("asker", [ME, None], ids=["the engine", "the gateway, to show it"])
+def test_where_all_is_one_users_its_own_files_are_read(folder: Path, asker: Peer | None) -> None:
     folder.chmod(0o750)
     if os.geteuid() == 0:
         os.chown(folder, 0, 0)
         os.chown(folder / "p01.toml", 0, 0)
-    assert read(folder, ME) == (CALIBRATION,)
+    assert read(folder, asker) == (CALIBRATION,)
     folder.chmod(0o777)
-    assert "everybody may write into this folder" in refused(folder, ME)
+    assert "everybody may write into this folder" in refused(folder, asker)
 
 
 def test_shipped_ones_are_beneath_and_only_where_they_may_be_named(folder: Path) -> None:

@@ -6,6 +6,7 @@ Owns: what the gateway says and does when the engine is there, stuck, or gone.
 from __future__ import annotations
 
 import json
+import os
 from typing import Any
 
 import pytest
@@ -102,7 +103,7 @@ def test_a_stop_goes_out_before_what_came_earlier() -> None:
             rig.until(lambda: len(rig.engine.heard) == 4)
 
         assert isinstance(rig.engine.heard[0], StopNow)
-        assert rig.engine.heard[0].client == "me"
+        assert rig.engine.heard[0].client == f"'me' (user {os.getuid()})"
         assert all(isinstance(command, ArmBoard) for command in rig.engine.heard[1:])
 
 

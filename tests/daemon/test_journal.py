@@ -125,16 +125,16 @@ def test_a_thousand_leases_are_a_few_lines_and_a_count() -> None:
         journal.lease(None)
     journal.refusals(Counter(), SUM_UP_NS)
     lines = lines_of(journal, stream)
-    assert len(lines) <= 10
+    assert len(lines) <= 50
     assert lines[:2] == [
         "etd main: lease opened by 'loop' (user 1000)",
         "etd main: lease of 'loop' ended",
     ]
     assert "etd main: lease opened by 'newcomer' (user 1001)" in lines
-    told = sum("opened by 'loop'" in line for line in lines)
+    told = sum(line.startswith("etd main: lease opened by 'loop'") for line in lines)
     assert lines[-1] == (
-        "etd main: since the last summary: more leases opened:"
-        f" {1_000 - told} by 'loop' (user 1000)"
+        f"etd main: since the last summary: {1_000 - told} more leases opened by user 1000; the"
+        " last: lease opened by 'loop' (user 1000)"
     )
 
 
@@ -148,11 +148,9 @@ def test_a_thousand_names_are_a_few_lines_too_and_the_holder_is_told() -> None:
     journal.lease(StandingLease("t", "after", 1000))
     lines = lines_of(journal, stream)
     assert len(lines) <= 50
-    opened = [line for line in lines if "lease opened by" in line]
+    opened = [line for line in lines if line.startswith("etd main: lease opened by")]
     untold = 1_001 - len(opened)
-    assert f"etd main: since the last summary: more leases opened: {untold} by other clients" in (
-        lines
-    )
+    assert any(f"{untold} more leases opened by user 1000" in line for line in lines)
     assert lines[-3:] == [
         "etd main: the lease is now held by 'loop 999' (user 1000)",
         "etd main: lease of 'loop 999' ended",
@@ -172,17 +170,18 @@ def test_a_loop_of_stops_and_clears_is_bounded_and_the_last_state_is_told() -> N
     lines = lines_of(journal, stream)
     assert len(lines) <= 50
     assert lines[0] == "etd main: HALTED by stop (client): stop 0"
-    halts = sum("HALTED" in line for line in lines[:-1])
-    assert f"{1_001 - halts} of them HALTED" in lines[-1]
-    assert lines[-1].endswith("the last: HALTED by stop (client): stop 999")
+    halts = sum(line.startswith("etd main: HALTED") for line in lines)
+    (last,) = (line for line in lines if "of them HALTED" in line)
+    assert f"{1_001 - halts} of them HALTED" in last
+    assert last.endswith("the last: HALTED by stop (client): stop 999")
 
 
 def test_a_loop_of_records_is_bounded_and_the_last_is_told() -> None:
     stream = io.StringIO()
     journal = Journal("main", stream)
     for number in range(1_000):
-        journal.record(f"r{number}", None)
-        journal.record(None, "the disk is full" if number == 999 else None)
+        journal.record(f"r{number}", None, 1000)
+        journal.record(None, "the disk is full" if number == 999 else None, 1000)
     journal.refusals(Counter(), SUM_UP_NS)
     journal.record("after", None)
     lines = lines_of(journal, stream)
@@ -190,9 +189,10 @@ def test_a_loop_of_records_is_bounded_and_the_last_is_told() -> None:
     assert lines[:2] == ["etd main: record 'r0' begun", "etd main: record 'r0' ended"]
     told = len(lines) - 2
     assert lines[-2] == (
-        f"etd main: since the last summary: {2_001 - told} more lines of records, 1 of them"
-        " problems; the last: the disk is full"
+        f"etd main: since the last summary: {2_001 - told} more lines of records by user"
+        " 1000; the last: record 'r999' ended"
     )
+    assert "etd main: the disk is full" in lines
     assert lines[-1] == "etd main: record 'after' begun"
 
 
@@ -206,7 +206,7 @@ def test_an_engine_that_comes_and_goes_in_a_loop_is_told_in_short() -> None:
     lines = lines_of(journal, stream)
     assert len(lines) <= 50
     assert lines[0].startswith("etd main: engine there: scripted (fake), 4 electrodes")
-    assert "980 of them gone; the last: engine gone" in lines[-1]
+    assert "990 of them gone; the last: engine gone" in lines[-1]
 
 
 TEXT = st.text(max_size=50) | st.sampled_from(["\n", "\x1b[2J", "x\netd main: ARMED", "a" * 5_000])

@@ -158,7 +158,7 @@ def test_a_shipped_calibration_is_listed_with_what_it_holds_for(shared: CommandR
     assert "anodic, 100 us, 60 Hz, caps up to 4000 uA" in lines
 
 
-def test_one_that_cannot_be_read_is_named_and_the_others_are_listed(rig: CommandRig) -> None:
+def test_one_that_cannot_be_used_is_named_and_the_others_are_listed(rig: CommandRig) -> None:
     folder = rig.folder / "state" / "etd" / "main" / "calibrations"
     folder.mkdir(parents=True)
     written(folder, "P02.toml")
@@ -170,9 +170,37 @@ def test_one_that_cannot_be_read_is_named_and_the_others_are_listed(rig: Command
         assert "P02 " in told.out
         assert "fake-fingertip-pad-8" in told.out
         assert "P01" not in [line.split(" ")[0] for line in told.out.splitlines()]
-        assert "etd: P01 cannot be read: " in told.err
+        assert "etd: P01 cannot be used: " in told.err
         assert "gamma: it says 99" in told.err
         answer = rig.run("calibration", "list", "--json").answer
         assert list(answer["unreadable"]) == ["P01"]
         assert "P02" in answer["calibrations"]
         assert answer["ok"] is False
+
+
+def test_one_that_another_user_could_have_written_is_named_as_open_refuses_it(
+    rig: CommandRig,
+) -> None:
+    folder = rig.folder / "state" / "etd" / "main" / "calibrations"
+    folder.mkdir(parents=True)
+    written(folder, "P01.toml").chmod(0o666)
+    with rig.daemon("--array", "pad-8"):
+        told = rig.run("calibration", "list")
+        why = "another user could have written it: everybody may write it"
+        assert (told.status, why in told.err) == (1, True)
+        assert "P01" not in told.out
+        (folder / "P01.toml").chmod(0o644)
+        assert rig.run("calibration", "list").status == 0
+
+
+def test_of_many_that_cannot_be_used_ten_are_named(rig: CommandRig) -> None:
+    folder = rig.folder / "state" / "etd" / "main" / "calibrations"
+    folder.mkdir(parents=True)
+    names = [f"P{number}" for number in range(10, 23)]
+    for name in names:
+        (folder / f"{name}.toml").touch()
+    with rig.daemon("--array", "pad-8"):
+        lines = rig.run("calibration", "list").err.splitlines()
+        assert [line.split(" ")[1] for line in lines[:-1]] == names[:10]
+        assert lines[-1] == "etd: 3 more cannot be used: --json has why"
+        assert list(rig.run("calibration", "list", "--json").answer["unreadable"]) == names

@@ -113,7 +113,7 @@ def test_stop_halts_until_it_is_cleared(shared: CommandRig) -> None:
     assert stopped.status == 0
     assert [entry["name"] for entry in stopped.answer["daemons"]] == ["main"]
     status = shared.run("status")
-    assert "HALTED by stop (etd stop" in status.out
+    assert f"HALTED by stop ('etd stop' (user {os.getuid()})" in status.out
     refused = shared.run("measure", "--json")
     assert (refused.status, refused.answer["error"]) == (1, "halted")
     assert shared.run("clear").status == 0
@@ -381,7 +381,25 @@ def test_a_stop_ends_what_is_being_played(rig: CommandRig) -> None:
         assert rig.run("stop").status == 0
         said = playing.ended()
         assert said.status == 1
-        assert "halted by stop (etd stop: asked to stop)" in said.err
+        assert f"halted by stop ('etd stop' (user {os.getuid()}): asked to stop)" in said.err
+
+
+def test_the_log_names_who_armed_stopped_and_cleared(rig: CommandRig) -> None:
+    pattern = rig.folder / "long.json"
+    pattern.write_text(
+        '{"etd_pattern": 1, "electrodes": 8, '
+        '"frames": [{"duration_ms": 600000, "active": [3], "rate_hz": 40}]}'
+    )
+    me = f"user {os.getuid()}"
+    with rig.daemon("--array", "pad-8") as running:
+        playing = rig.start("play", str(pattern), "--arm")
+        wait_for_state(rig, "ARMED")
+        assert rig.run("stop").status == 0
+        assert rig.run("clear").status == 0
+        assert playing.ended().status == 1
+        running.line_with(f"ARMED by {me}: the lease of 'etd play long.json' ({me})")
+        running.line_with(f"HALTED by stop ('etd stop' ({me})): asked to stop")
+        running.line_with(f"SAFE: the halt was cleared by {me}")
 
 
 def test_somebody_elses_lease_is_respected(rig: CommandRig) -> None:

@@ -51,6 +51,8 @@ the participant, never the person's name. `etd calibrate` makes a calibration.
 
 WHOSE = "the calibration's name"
 _INPUT = Path("-")
+#: Of calibrations that cannot be used, so many are told one by one.
+_MOST_UNREADABLE = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +93,7 @@ def _display(args: argparse.Namespace) -> Display:
 
 
 def _list(args: argparse.Namespace) -> int:
-    """One that cannot be read is named, with why; the others are listed all the same."""
+    """One that `open` would refuse is named, with why; the others are listed all the same."""
     found, unreadable = {}, {}
     with _display(args) as display:
         for name in display.calibrations():
@@ -104,8 +106,11 @@ def _list(args: argparse.Namespace) -> int:
         about = {name: _conditions(calibration) for name, calibration in found.items()}
         _print_json({"ok": not unreadable, "calibrations": about, "unreadable": unreadable})
         return status
-    for name, why in unreadable.items():
-        print(shown(f"etd: {name} cannot be read: {why}"), file=sys.stderr)
+    for name, why in list(unreadable.items())[:_MOST_UNREADABLE]:
+        print(shown(f"etd: {name} cannot be used: {why}"), file=sys.stderr)
+    more = len(unreadable) - _MOST_UNREADABLE
+    if more > 0:
+        print(f"etd: {more} more cannot be used: --json has why", file=sys.stderr)
     if unreadable and not found:
         return status
     if not found:

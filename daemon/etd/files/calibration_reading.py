@@ -4,7 +4,8 @@ Owns: whose folder and file are trusted, how much of a file is read, and what th
 before it parses. Must not know: the engine, boards, what a calibration allows.
 
 A file is opened past no link, and only where the gateway's user could have written neither it nor
-a folder above it. Then the process keeps the pipe of its answer and closes all else, and gives up
+a folder above it; where that is the engine's own, and for what the gateway shows, where no other
+user could. Then the process keeps the pipe of its answer and closes all else, and gives up
 every call of the kernel but those of computing (`etd_hal/confinement.py`). Only then is a byte of a
 file decoded, within bounds of memory and time. Where the kernel does not confine it, no file is.
 """
@@ -105,10 +106,8 @@ def _read(name: str, asked: Asked) -> tuple[Path, bytes]:
     path, shipped = own / f"{name}.toml", Path(asked.shipped or own) / f"{name}.toml"
     if asked.shipped is not None and not os.path.lexists(path):
         return shipped, bytes_of(shipped, trust.open_own(shipped, os.O_RDONLY))
-    if asked.gateway is None:
-        return path, bytes_of(path, trust.open_own(path, os.O_RDONLY))
-    if asked.gateway.uid == os.geteuid():
-        # Both are one user's: only others are to be kept apart.
+    if asked.gateway is None or asked.gateway.uid == os.geteuid():
+        # Both are one user's, or it is the gateway: only others are to be kept apart.
         paths.check_own(own)
         return path, bytes_of(path, paths.open_unshared(path))
     trust.check_beyond(own, asked.gateway)

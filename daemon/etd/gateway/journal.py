@@ -16,10 +16,13 @@ import sys
 from collections import Counter
 from typing import TextIO
 
+from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import StandingLease
 from etd.gateway.lease_log import LeaseLog
+from etd.gateway.state_log import Act, StateLog
+from etd.gateway.summed_up import SummedUp
 from etd.protocol.link import EngineHello
-from etd.protocol.messages import StateReport
+from etd.protocol.messages import Arm, Clear, Request, StateReport
 from etd.protocol.text import shown
 
 _QUEUE_LENGTH = 1_000
@@ -65,8 +68,6 @@ _COUNTED = {
 _EPISODE_NS = 10_000_000_000
 #: Refusals are summed up at most this often.
 SUM_UP_NS = 10_000_000_000
-#: Between two summaries, of each kind so many lines are told one by one.
-MOST_ONE_BY_ONE = 40
 
 
 class _OneLine(logging.Formatter):
@@ -88,38 +89,6 @@ class _Queue(logging.handlers.QueueHandler):
             self.dropped += 1
 
 
-class _SummedUp:
-    """Lines that any client can cause in a loop, to stop and clear or to begin and end records: so
-    many between two summaries are told one by one, and the others together.
-    """
-
-    def __init__(self, log: logging.Logger, what: str) -> None:
-        """`what`: the lines, with a place for the number of those that are errors."""
-        self._log = log
-        self._what = what
-        self._told = 0
-        self._untold = self._errors = 0
-        self._last = logging.INFO, ""
-
-    def tell(self, level: int, text: str) -> None:
-        if self._told < MOST_ONE_BY_ONE:
-            self._told += 1
-            self._log.log(level, "%s", text)
-            return
-        self._untold += 1
-        self._errors += level == logging.ERROR
-        self._last = level, text
-
-    def sum_up(self) -> None:
-        if self._untold:
-            level, last = self._last
-            what = self._what.format(self._errors)
-            self._log.log(
-                level, "since the last summary: %d more %s; the last: %s", self._untold, what, last
-            )
-        self._told = self._untold = self._errors = 0
-
-
 class _Writer(logging.handlers.QueueListener):
     """Writes in a thread of its own."""
 
@@ -139,7 +108,6 @@ class Journal:
         self._writer = _Writer(room, writing)
         self._log = logging.Logger("etd.journal", logging.INFO)
         self._log.addHandler(self._queue)
-        self._state = ""
         #: Of what was not granted, what this engine's log has already.
         self._told: set[str] = set()
         #: Why laws are off, by what the person says.
@@ -148,14 +116,14 @@ class Journal:
         self._counted: dict[str, int] = {}
         #: When each reported sensor last had a problem.
         self._silent_ns: dict[str, int] = {}
-        self._leases = LeaseLog()
-        self._states = _SummedUp(self._log, "changes of state, {} of them HALTED")
-        self._engines = _SummedUp(
-            self._log, "lines of an engine that came or went, {} of them gone"
-        )
-        self._records = _SummedUp(self._log, "lines of records, {} of them problems")
-        #: The record that is written, and why the last one ended by itself.
-        self._record: tuple[str | None, str | None] = None, None
+        self._leases = LeaseLog(self._log)
+        self._states = StateLog(self._log)
+        self._engines = SummedUp(self._log, "lines of an engine that came or went", "gone")
+        self._records = SummedUp(self._log, "lines of records", "problems")
+        #: Requests that are not answered yet, of which the log tells who asked; by number.
+        self._asked: dict[int, Act] = {}
+        #: The record that is written, who began it, and why the last one ended by itself.
+        self._record: tuple[str | None, int | None, str | None] = None, None, None
         self._refused: Counter[str] = Counter()
         self._summed_ns = 0
         self._is_closed = False
@@ -170,30 +138,43 @@ class Journal:
         """Write what is there. Idempotent."""
         if not self._is_closed:
             self._is_closed = True
+            self._states.close()
+            self._sum_up()
             self._writer.stop()
 
     def engine_found(self, engine_hello: EngineHello) -> None:
         board, electrodes = engine_hello.board, engine_hello.array.electrodes
         absent = ", ".join(board.absent_guards) or "none"
         self._engines.tell(
+            "",
             logging.INFO,
             f"engine there: {board.name} ({board.backend}), {electrodes} electrodes; absent guards:"
             f" {absent}",
         )
 
     def engine_lost(self, *, is_cut_off: bool) -> None:
-        self._state = ""
+        self._states.engine_lost()
         self._silent_ns.clear()
         self._told.clear()
-        self._engines.tell(logging.ERROR, _CUT_OFF if is_cut_off else _LOST)
+        self._engines.tell("", logging.ERROR, _CUT_OFF if is_cut_off else _LOST)
 
     def asked_to_end(self) -> None:
         self._log.info("asked to end")
 
-    def state(self, report: StateReport) -> None:
+    def asked(self, request: Request, inbound: InboundMessage) -> None:
+        """Each request has one reply."""
+        if isinstance(request, Arm | Clear):
+            self._asked[inbound.number] = "arm" if isinstance(request, Arm) else "clear"
+
+    def replied(self, inbound: InboundMessage, *, is_done: bool) -> None:
+        act = self._asked.pop(inbound.number, None)
+        if act is not None and is_done:
+            self._states.done(act, f"user {inbound.uid}")
+
+    def state(self, report: StateReport, lease: StandingLease | None = None) -> None:
         """Log each change of state with its cause, what was not granted once for each engine, each
         kind of rejected measurement once while the board is live, and the beginning and end of each
-        sensor's problems.
+        sensor's problems. `lease`: the one that stands.
         """
         if report.engine == "there":
             self._log_sensors(report)
@@ -202,10 +183,8 @@ class Journal:
         else:
             self._log_rejections(report.counters)
         self._log_laws_off("" if report.felt is None else report.felt.laws_off)
-        if report.state == self._state:
+        if not self._states.heard(report, lease):
             return
-        before, self._state = self._state, report.state
-        self._states.tell(*_change_of_state(report, before))
         for sentence in report.not_granted:
             if sentence not in self._told:
                 self._told.add(sentence)
@@ -239,22 +218,26 @@ class Journal:
         self._rejections.add(key)
         return True
 
-    def record(self, running: str | None, problem: str | None) -> None:
-        """Log the beginning and the end of a record, and why it ended by itself."""
-        if (running, problem) == self._record:
-            return
-        before, self._record = self._record, (running, problem)
-        if before[0] is not None and running != before[0]:
-            self._records.tell(logging.INFO, f"record {before[0]!r} ended")
-        if running is not None and running != before[0]:
-            self._records.tell(logging.INFO, f"record {running!r} begun")
-        if problem is not None and problem != before[1]:
-            self._records.tell(logging.ERROR, problem)
+    def record(self, running: str | None, problem: str | None, begun_by: int | None = None) -> None:
+        """Log the beginning and the end of a record, and why it ended by itself. `begun_by`: who
+        began the one that is written, or was written last.
+        """
+        (before, by, before_problem), now = self._record, (running, begun_by, problem)
+        self._record = now
+        if before is not None and running != before:
+            self._records.tell(f"user {by}", logging.INFO, f"record {before!r} ended")
+        if running is not None and running != before:
+            self._records.tell(f"user {begun_by}", logging.INFO, f"record {running!r} begun")
+        if problem is not None and problem != before_problem:
+            self._records.tell("", logging.ERROR, problem)
 
     def lease(self, standing: StandingLease | None) -> None:
         """Log a change of the holder."""
-        for line in self._leases.changed(standing):
-            self._log.info("%s", line)
+        self._leases.changed(standing)
+
+    def _sum_up(self) -> None:
+        for each in (self._leases, self._engines, self._states, self._records):
+            each.sum_up()
 
     def refusals(self, counters: Counter[str], now_ns: int) -> None:
         """What was refused or dropped since the last summary, in one line; leases and changes of
@@ -263,11 +246,7 @@ class Journal:
         if now_ns - self._summed_ns < SUM_UP_NS:
             return
         self._summed_ns = now_ns
-        for line in self._leases.summary():
-            self._log.info("%s", line)
-        self._engines.sum_up()
-        self._states.sum_up()
-        self._records.sum_up()
+        self._sum_up()
         news = counters - self._refused
         self._refused = Counter(counters)
         if news:
@@ -278,15 +257,3 @@ class Journal:
                 "%d lines of this log were lost: the queue was full", self._queue.dropped
             )
             self._queue.dropped = 0
-
-
-def _change_of_state(report: StateReport, before: str) -> tuple[int, str]:
-    """Its level and its sentence."""
-    halt = report.halt
-    if halt is not None:
-        return logging.ERROR, f"HALTED by {halt.cause} ({halt.source}): {halt.detail}"
-    if before == "HALTED":
-        return logging.INFO, f"{report.state}: the halt was cleared"
-    if report.state == "SAFE" and report.last_disarm:
-        return logging.INFO, f"SAFE: {report.last_disarm}"
-    return logging.INFO, report.state

@@ -1,65 +1,40 @@
 """What the log says of leases, of which any client can open and close a thousand in a second.
 
-Owns: which openings have lines of their own, and the count of the others. Must not know: how a line
-is written, time: the journal says when one summary ends and the next begins.
+Owns: the lines of their beginnings and ends. Must not know: how many have lines of their own
+(`summed_up.py`), time.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+import logging
 
 from etd.gateway.lease import StandingLease
-
-#: Between two summaries, so many openings are told one by one: of one client, and of all.
-MOST_OF_ONE = 3
-MOST_OF_ALL = 20
+from etd.gateway.summed_up import SummedUp
+from etd.protocol.who import who
 
 
 class LeaseLog:
-    """Each call returns the lines there are to write."""
-
-    def __init__(self) -> None:
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._openings = SummedUp(log, "leases opened")
         self._holder: StandingLease | None = None
         self._is_holder_told = False
-        self._told: Counter[str] = Counter()
-        #: By who; "" for clients of whom nothing was told.
-        self._untold: Counter[str] = Counter()
 
-    def changed(self, standing: StandingLease | None) -> list[str]:
+    def changed(self, standing: StandingLease | None) -> None:
         """After each turn: the lease that stands now."""
-        lines: list[str] = []
         if standing is self._holder:
-            return lines
+            return
         before, self._holder = self._holder, standing
         if before is not None and self._is_holder_told:
-            lines.append(f"lease of {before.client!r} ended")
+            self._log.info("lease of %r ended", before.client)
         if standing is not None:
-            lines += self._opened(_who(standing))
-        return lines
+            line = f"lease opened by {who(standing.client, standing.uid)}"
+            self._is_holder_told = self._openings.tell(f"user {standing.uid}", logging.INFO, line)
 
-    def summary(self) -> list[str]:
+    def sum_up(self) -> None:
         """What had no line of its own, and whose lease stands if that was not told."""
-        lines: list[str] = []
-        if self._untold:
-            others = self._untold.pop("", 0)
-            counts = [f"{count} by {who}" for who, count in sorted(self._untold.items())]
-            counts += [f"{others} by other clients"] if others else []
-            lines.append(f"since the last summary: more leases opened: {', '.join(counts)}")
-        if self._holder is not None and not self._is_holder_told:
-            lines.append(f"the lease is now held by {_who(self._holder)}")
+        self._openings.sum_up()
+        holder = self._holder
+        if holder is not None and not self._is_holder_told:
+            self._log.info("the lease is now held by %s", who(holder.client, holder.uid))
             self._is_holder_told = True
-        self._told.clear()
-        self._untold.clear()
-        return lines
-
-    def _opened(self, who: str) -> list[str]:
-        self._is_holder_told = self._told[who] < MOST_OF_ONE and self._told.total() < MOST_OF_ALL
-        if self._is_holder_told:
-            self._told[who] += 1
-            return [f"lease opened by {who}"]
-        self._untold[who if self._told[who] else ""] += 1
-        return []
-
-
-def _who(lease: StandingLease) -> str:
-    return f"{lease.client!r} (user {lease.uid})"

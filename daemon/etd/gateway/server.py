@@ -144,7 +144,8 @@ class Gateway:
         for answer in (*self._records.written(now_ns), *self._readings.answers(now_ns)):
             self._settle(answer)
         self._publisher.repeat_state(now_ns)
-        self._journal.record(self._recorder.running, self._recorder.problem)
+        recorder = self._recorder
+        self._journal.record(recorder.running, recorder.problem, recorder.uid)
         self._journal.lease(self._leases.standing)
         self._journal.refusals(self.counters, now_ns)
 
@@ -225,6 +226,7 @@ class Gateway:
             return
         now_ns = self._clock.now_ns()
         self._recorder.asked(request, inbound, now_ns)
+        self._journal.asked(request, inbound)
         try:
             reply = self._control.handle(request, inbound, now_ns)
         except Refused as refusal:
@@ -250,7 +252,7 @@ class Gateway:
                 self._journal.engine_found(message)
             elif isinstance(message, Report):
                 if message.state is not None:
-                    self._journal.state(message.state)
+                    self._journal.state(message.state, self._leases.standing)
                 self._publisher.pass_on(message, now_ns)
         if self._engine.has_ended:
             self._lose_engine(self._clock.now_ns())
@@ -335,6 +337,7 @@ class Gateway:
     def _send(self, inbound: InboundMessage, reply: Success | Failure) -> None:
         """A client that has left, or that does not read, is counted."""
         self._recorder.replied(inbound, reply, self._clock.now_ns())
+        self._journal.replied(inbound, is_done=reply.ok)
         parts = (*inbound.route, _encoder.encode(reply))
         if not self._sockets.control.reply(inbound.connection, parts):
             self.counters["replies_not_delivered"] += 1

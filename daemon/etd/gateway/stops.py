@@ -20,6 +20,7 @@ from etd.gateway.replies import done
 from etd.protocol.errors import Refused
 from etd.protocol.link import StopNow
 from etd.protocol.messages import Stop
+from etd.protocol.who import who
 
 #: Of one user, so many wait for the next one together.
 MOST_TOGETHER: Final = 256
@@ -48,7 +49,7 @@ class Stops:
         """It is answered later. Raises: Refused (`engine_gone`; `busy`: one is on its way all the
         same).
         """
-        client = stop.client or f"user {inbound.uid}"
+        client = who(stop.client, inbound.uid)
         of_user = self._of_user.get(inbound.uid)
         if of_user is not None and not self._pending.has(of_user.sent):
             # It was given up; what waits for the next one must not wait for that answer.

@@ -41,6 +41,8 @@ from etd.protocol.messages import (
 from etd.protocol.opening import LeaseCalibration, WantedCalibrations
 from etd.protocol.outcome import Account, Clamp, Shortfall
 from etd.protocol.peer import Peer, peer_of
+from etd.protocol.text import PLAIN_PATTERN
+from etd.protocol.who import MOST_OF_WHO
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
 from etd.stabilize.shape import PLAIN, Shape
 
@@ -106,9 +108,11 @@ class ClearHalt(Command, frozen=True, kw_only=True):
 
 
 class StopNow(Command, frozen=True, kw_only=True):
-    """`uid`: as in `ClearHalt`."""
+    """`client`: as `who` names it, so that the halt says whose stop it was. `uid`: as in
+    `ClearHalt`.
+    """
 
-    client: ClientName
+    client: Annotated[str, Meta(max_length=MOST_OF_WHO, pattern=PLAIN_PATTERN)]
     uid: Uid | None = None
 
 
