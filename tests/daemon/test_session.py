@@ -171,6 +171,19 @@ def test_a_stop_that_ended_something_was_pressed_for_that() -> None:
     assert one.why_untried(UNKNOWN_TOO, 20 * S) is not None
 
 
+def test_a_stop_line_ends_the_session_that_stands_and_says_so() -> None:
+    one = used(FIRST, 10 * S, 20 * S)
+    one.stopped("wearer_stop")
+    why = one.why_untried(FIRST, 25 * S)
+    assert why is not None
+    assert "wearer_stop ended the session of P01" in why
+    none = sessions()
+    none.stopped("wearer_stop")
+    why = none.why_untried(FIRST, S)
+    assert why is not None
+    assert "there was none since the engine started" in why
+
+
 def test_a_test_of_the_stop_under_a_lease_is_that_leases() -> None:
     for other in (SECOND, UNKNOWN, UNKNOWN_TOO):
         one = sessions()

@@ -9,12 +9,7 @@ the socket could answer each stop of another one with `clear` and `arm`. See doc
 
 from __future__ import annotations
 
-from typing import Final
-
 from etd.protocol.errors import Refused
-
-#: More users than these are not remembered: from then on an operator is needed.
-MOST_ASKERS: Final = 64
 
 
 class StopAskers:
@@ -25,7 +20,8 @@ class StopAskers:
         """Also where the board was halted already: who asks second did not see that it was. `uid`
         None: in nobody's name, so that it binds nobody.
         """
-        if uid is not None and len(self._uids) <= MOST_ASKERS:
+        if uid is not None and len(self._uids) < 2:
+            # Two are enough: from then on none of them may lift it alone.
             self._uids.add(uid)
 
     def check(self, uid: int | None, *, is_operator: bool) -> None:
