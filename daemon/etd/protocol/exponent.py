@@ -82,6 +82,12 @@ class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
                 f"k = {self.k:.2f} is of a skin whose resistance changed {self.fold:.1f}-fold, and"
                 f" {LEAST_FOLD:g}-fold is needed"
             )
+        if self.high < -LEAST_K:
+            return (
+                f"k = {self.k:.2f} ({self.low:.2f} to {self.high:.2f}): thresholds rise with the"
+                " resistance, and more than a board's leak makes them; the law is made for skin"
+                " that feels more where it resists more"
+            )
         if self.k <= 0.0:
             return (
                 f"k = {self.k:.2f}: thresholds rise with the resistance, or do not follow it, and"
