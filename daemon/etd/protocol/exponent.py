@@ -182,24 +182,24 @@ def usable_k(
 
 
 def check_exponent(
-    fitted: FittedExponent | None, board: str, leak_ohm: int, calibrated: datetime.date
+    fitted: FittedExponent | None, board: str, leak_ohm: int, calibrated: datetime.date, of: str
 ) -> None:
     """For a body site with `power_law`, which goes by the person's k and has none of its own.
-    `calibrated`: the day of the calibration that it stands in.
+    `calibrated`: the day of the calibration that it stands in; `of`: which one that is, in words.
 
     Raises: Refused (`bad_calibration`).
     """
     if fitted is None:
-        raise no_exponent()
+        raise no_exponent(f"{of} has none")
     if (why := fitted.why_not_on(board, leak_ohm, calibrated)) is not None:
-        raise Refused("bad_calibration", f"power_law is not for this person: {why}")
+        raise Refused("bad_calibration", f"{of}: power_law is not for this person: {why}")
 
 
-def no_exponent() -> Refused:
+def no_exponent(why: str = "none was measured") -> Refused:
     """For such a body site, of a lease without one."""
     return Refused(
         "bad_calibration",
-        "the body site's power_law goes by an exponent of the person's, and none was measured:"
-        " open with a calibration that has one (etd calibrate CODE --fit), or take power_law"
-        " out of the body site",
+        f"the body site's power_law goes by an exponent of the person's, and {why}: open with a"
+        " calibration that has one (etd calibrate CODE --fit), or take power_law out of the body"
+        " site",
     )
