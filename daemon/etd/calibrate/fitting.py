@@ -7,7 +7,9 @@ not know: procedures, the fit itself (exponent), terminals, daemons.
 The skin becomes damp and dry again, and again, so that a person who adapts meanwhile can be told
 from one whose thresholds follow the resistance. Currents begin at half of the lowest threshold that
 the electrode had so far, since the skin may need less or more now, and rise as in any
-calibration: each step was answered before the next, up to the limit of this one.
+calibration: each step was answered before the next. Damp skin may need more than the caps of the
+calibration, and gets up to the limit of this one; dry skin gets no more than its caps, which were
+accepted on such.
 """
 
 from __future__ import annotations
@@ -44,20 +46,29 @@ MOST_PAUSE_S = 3_600.0
 class SkinState(NamedTuple):
     name: str
     todo: str
+    #: It is damper than for the calibration.
+    is_damp: bool = False
 
 
 STATES: Final = (
     SkinState("dry", "Lay the finger on as for the calibration, and let it rest for a minute."),
     SkinState(
-        "damp", "Breathe on array and fingertip, ten slow breaths, and lay the finger on again."
+        "damp",
+        "Breathe on array and fingertip, ten slow breaths, and lay the finger on again.",
+        is_damp=True,
     ),
     SkinState("dry again", "Wipe array and finger with a dry cloth; wait two minutes in the air."),
-    SkinState("pressed", "Breathe on it again, and press more firmly than before, all the time."),
+    SkinState(
+        "pressed",
+        "Breathe on it again, and press more firmly than before, all the time.",
+        is_damp=True,
+    ),
     SkinState("dry at last", "Wipe both; wait two minutes in the air; press as at first."),
 )
 
 
-#: In so many of them an electrode may have no threshold: damp skin can need more than the limit.
+#: In so many of them an electrode may have no threshold: damp skin can need more than the limit,
+#: and use can raise a threshold above its cap, on dry skin.
 _MAY_LACK: Final = len(STATES) - LEAST_STATES
 
 
@@ -88,10 +99,11 @@ class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Fitting:
-    """`progress` is filled in; see the module."""
+    """`progress` is filled in; see the module. `baseline`: what k is added to."""
 
-    def __init__(self, progress: FitProgress) -> None:
+    def __init__(self, progress: FitProgress, baseline: Calibration) -> None:
         self._progress = progress
+        self._baseline = baseline
         self._found_s: dict[int, float] = {}
 
     @property
@@ -110,12 +122,24 @@ class Fitting:
 
     @property
     def caps_ua(self) -> dict[int, int]:
-        """By electrode, the most that is presented: damp skin may need more than the calibration's
-        cap, which was accepted on skin of another kind.
-        """
+        """By electrode, the most that is presented in this state."""
+        is_damp = self.state is not None and self.state.is_damp
+        return {one: self._most_ua(one, is_damp=is_damp) for one in self._progress.electrodes}
+
+    @property
+    def above_caps_ua(self) -> dict[int, int]:
+        """Of those that may get more on damp skin than on dry, how much."""
+        return {
+            one: damp_ua
+            for one in self._progress.electrodes
+            if (damp_ua := self._most_ua(one, is_damp=True)) > self._most_ua(one, is_damp=False)
+        }
+
+    def _most_ua(self, electrode: int, *, is_damp: bool) -> int:
         progress = self._progress
         most_ua = progress.conditions.presented_ua
-        return {one: progress.lowered_ua.get(one, most_ua) for one in progress.electrodes}
+        most_ua = min(most_ua, progress.lowered_ua.get(electrode, most_ua))
+        return most_ua if is_damp else min(most_ua, self._baseline.electrode[electrode].cap_ua)
 
     def threshold_found(self, electrode: int, now_s: float) -> None:
         """Called as it is found: a state takes minutes."""
@@ -148,11 +172,11 @@ class Fitting:
         progress.false_alarms += of_state.false_alarms
         return tuple(missing)
 
-    def lowered(self, baseline: Calibration) -> Calibration:
-        """The calibration without what was too strong in any state: the caps of these electrodes
+    def lowered(self) -> Calibration:
+        """The baseline without what was too strong in any state: the caps of these electrodes
         are lower, and what was found of all levels together is of others.
         """
-        return lowered(baseline, self.left_ua)
+        return lowered(self._baseline, self.left_ua)
 
     @property
     def left_ua(self) -> dict[int, tuple[int, int]]:
@@ -192,8 +216,7 @@ class Fitting:
             raise NoFit(
                 f"{len(known)} of {len(self._progress.electrodes)} electrodes have a threshold in"
                 f" all states so far, or all but {_MAY_LACK}, and {LEAST_ELECTRODES} are needed:"
-                " damp skin may need more current, so raise --max-current-ua, choose --electrodes"
-                " with lower thresholds, or breathe less"
+                f" {self._why_lacking}"
             )
         whole = [one for one in asked if one.electrode in known]
         progress, silent = self._progress, self._progress.catch_trials
@@ -203,6 +226,26 @@ class Fitting:
             catch_trials=silent or None,
             false_alarm_rate=round(progress.false_alarms / silent, 3) if silent else None,
         )
+
+    @property
+    def _why_lacking(self) -> str:
+        """And what to do: by the kind of states where most thresholds are missing."""
+        if self._lacking(is_damp=False) > self._lacking(is_damp=True):
+            return (
+                "on dry skin thresholds are now above the calibration's caps: rest, and ask again,"
+                " or calibrate anew"
+            )
+        return (
+            "damp skin may need more current, so raise --max-current-ua, choose --electrodes with"
+            " lower thresholds, or breathe less"
+        )
+
+    def _lacking(self, *, is_damp: bool) -> int:
+        """So many thresholds are missing in the states of this kind that are over."""
+        progress = self._progress
+        over = [at for at in range(progress.states) if STATES[at].is_damp == is_damp]
+        found = sum(one.state in over for one in progress.asked)
+        return len(over) * len(progress.electrodes) - found
 
     @property
     def is_lost(self) -> bool:

@@ -94,7 +94,7 @@ class FitSession:
                 made_on=made_on(args, display),
             )
         )
-        self._fitting = Fitting(self._progress)
+        self._fitting = Fitting(self._progress, self._baseline)
         self._screen = self._screen_of(self._fitting.progress_of_state())
         folder = Path() if args.out is None else args.out.parent
         name = f"{which}-fit"
@@ -108,6 +108,7 @@ class FitSession:
         """Raises: Stopped, Refused, DaemonGone."""
         if self._fitting.state is None or self._fitting.is_lost:
             return
+        self._tell_above_caps()
         with ExitStack() as stack:
             stack.callback(self._trials.close)
             stack.callback(self._in_use.tell)
@@ -123,6 +124,19 @@ class FitSession:
             stimulator.open()
             while (state := self._fitting.state) is not None and not self._fitting.is_lost:
                 self._ask_in(state, wearer, stimulator)
+
+    def _tell_above_caps(self) -> None:
+        """Before the board is armed."""
+        if not (above_ua := self._fitting.above_caps_ua):
+            return
+        print(
+            f"on damp skin, in {sum(state.is_damp for state in STATES)} of {len(STATES)} states,"
+            f" {len(above_ua)} of {len(self._progress.electrodes)} electrodes may get more than"
+            f" their caps in {self._args.baseline}, up to {max(above_ua.values())} uA, a step at a"
+            " time; on dry skin none does",
+            file=sys.stderr,
+            flush=True,
+        )
 
     def _armed_wearer(self, stack: ExitStack) -> Wearer:
         """Raises: Stopped, Refused."""
@@ -177,7 +191,7 @@ class FitSession:
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
             tell_trials(self._args, self.trials)
             return 1
-        made = self._fitting.lowered(self._baseline)
+        made = self._fitting.lowered()
         if (stored := self._in_use[self._which]) is not None:
             made = kept_lower(made, stored)
         made = msgspec.structs.replace(made, exponent=found)
