@@ -147,6 +147,20 @@ def test_electrodes_without_room_or_feeling_are_not_asked() -> None:
         electrodes_to_ask(few, (5,))
 
 
+def test_a_limit_below_the_thresholds_of_the_baseline_is_refused_at_once() -> None:
+    """Two states would be answered before it is known that too few have a threshold."""
+    made = baseline(StateSkin(0.8, 1))
+    low = sorted(one.threshold_ua for one in made.electrode)
+    said = f"--max-current-ua: 3 electrodes have a threshold below {low[3]} uA .* above {low[3]} uA"
+    with pytest.raises(FileError, match=said):
+        electrodes_to_ask(made, most_ua=low[3])
+    asked = electrodes_to_ask(made, most_ua=low[3] + 1)
+    assert sorted(made.electrode[one].threshold_ua for one in asked) == low[:4]
+    above = next(at for at, one in enumerate(made.electrode) if one.threshold_ua == low[-1])
+    with pytest.raises(FileError, match=f"electrode {above} was not felt, or has no room"):
+        electrodes_to_ask(made, (*asked, above), low[-1])
+
+
 def test_a_person_whose_electrodes_need_more_than_the_limit_is_told_so() -> None:
     skin = StateSkin(1.9, 1)
     skin.threshold_ua = [1_500.0] * N

@@ -143,6 +143,14 @@ def test_k_is_added_to_a_calibration_and_it_is_said_where_there_is_none(rig: Com
         assert "without a baseline" not in others.err
 
 
+def test_a_limit_that_few_thresholds_are_below_is_refused_before_anything_is_asked(
+    rig: CommandRig,
+) -> None:
+    told = rig.run(*FIT, *ON_FAKE, "--max-current-ua", "1005")
+    assert told.status == 2
+    assert "--max-current-ua: 2 electrodes have a threshold below 1005 uA" in told.err
+
+
 def test_it_says_first_what_damp_skin_may_get_above_the_caps(rig: CommandRig) -> None:
     first, *others = shipped().electrode
     lower = replace(first, comfortable_ua=1_500, cap_ua=1_800)

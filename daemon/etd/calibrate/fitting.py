@@ -262,16 +262,24 @@ class Fitting:
         }
 
 
-def electrodes_to_ask(baseline: Calibration, named: Sequence[int] = ()) -> tuple[int, ...]:
+def electrodes_to_ask(
+    baseline: Calibration, named: Sequence[int] = (), most_ua: int = MOST_UA
+) -> tuple[int, ...]:
     """Those `named`, or some that have room above their threshold, spread over the array.
+    `most_ua`: no more is presented, whatever the caps.
 
     Raises: FileError, where they are too few, or not felt.
     """
-    felt = [
-        electrode
-        for electrode, limits in enumerate(baseline.electrode)
-        if limits.felt and limits.cap_ua > limits.threshold_ua
-    ]
+    felt, by_caps = _with_room(baseline, most_ua), _with_room(baseline, MOST_UA)
+    if len(felt) < LEAST_ELECTRODES <= len(by_caps):
+        lowest_ua = sorted(baseline.electrode[one].threshold_ua for one in by_caps)
+        raise FileError(
+            "the command line",
+            "--max-current-ua",
+            f"{len(felt)} electrodes have a threshold below {most_ua} uA in the calibration",
+            f"at least {LEAST_ELECTRODES} must: a limit well above"
+            f" {lowest_ua[LEAST_ELECTRODES - 1]} uA, since damp skin may need more",
+        )
     for electrode in named:
         if electrode not in felt:
             raise FileError(
@@ -289,6 +297,14 @@ def electrodes_to_ask(baseline: Calibration, named: Sequence[int] = ()) -> tuple
             f"at least {LEAST_ELECTRODES} that were felt, with room above the threshold",
         )
     return tuple(chosen)
+
+
+def _with_room(baseline: Calibration, most_ua: int) -> list[int]:
+    return [
+        electrode
+        for electrode, limits in enumerate(baseline.electrode)
+        if limits.felt and min(limits.cap_ua, most_ua) > limits.threshold_ua
+    ]
 
 
 def _spread(felt: Sequence[int]) -> list[int]:

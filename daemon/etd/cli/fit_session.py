@@ -87,7 +87,7 @@ class FitSession:
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
-                electrodes=self._electrodes_to_ask(),
+                electrodes=self._electrodes_to_ask(conditions.presented_ua),
                 seed=self._new_seed() if args.seed is None else args.seed,
                 board=display.facts.board.name,
                 leak_ohm=display.facts.board.leak_ohm,
@@ -266,14 +266,14 @@ class FitSession:
     def _is_begun(self) -> bool:
         return not self._args.restart and self._file.exists()
 
-    def _electrodes_to_ask(self) -> tuple[int, ...]:
+    def _electrodes_to_ask(self, most_ua: int) -> tuple[int, ...]:
         """Of a fit that goes on: what was too strong in it may have left one of its electrodes no
         room above its threshold, so those that are named only have to be its own. Raises:
         FileError.
         """
         if self._is_begun:
             return tuple(sorted(set(self._args.electrodes)))
-        return electrodes_to_ask(self._baseline, self._args.electrodes)
+        return electrodes_to_ask(self._baseline, self._args.electrodes, most_ua)
 
     def _new_seed(self) -> int:
         return SIMULATED_SEED if self._is_simulated else randrange(MOST_SEED + 1)
