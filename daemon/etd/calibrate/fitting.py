@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Collection, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -26,7 +27,7 @@ from etd.calibrate.conditions import Conditions
 from etd.calibrate.exponent import LEAST_STATES, Asked, NoFit, fitted
 from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.lowered import lowered
-from etd.calibrate.progress import BoardNamed, Progress, check_made_on
+from etd.calibrate.progress import BoardNamed, Progress, check_electrode, check_made_on
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
 from etd.protocol.exponent import LEAST_ELECTRODES, FittedExponent
@@ -343,37 +344,67 @@ def _long(seconds: float) -> str:
 # --- its file ------------------------------------------------------------------------------------
 
 
+_AGAIN: Final = "start again with --restart"
+
+
 def load_fit(path: Path, asked_for: FitProgress, named: Collection[str] = ()) -> FitProgress:
     """The saved one, for the same conditions. `named`: what else was asked for by name, of `seed`
     and `electrodes`; what was not is as it was saved.
 
     Raises: FileError.
     """
-    again = "start again with --restart"
     try:
         saved = msgspec.json.decode(path.read_bytes(), type=FitProgress)
     except OSError as error:
         why = f"it cannot be read ({error.strerror})"
         raise FileError(str(path), "", why, "check its permissions") from error
     except msgspec.DecodeError as error:
-        raise FileError(str(path), "", f"it is no saved fit ({error})", again) from error
+        raise FileError(str(path), "", f"it is no saved fit ({error})", _AGAIN) from error
     if asked_for.conditions.cap_ua < saved.conditions.cap_ua:
         # A lower limit: each step of what is asked is answered anyway.
         limit_ua = asked_for.conditions.cap_ua
         saved.conditions = msgspec.structs.replace(saved.conditions, cap_ua=limit_ua)
     for key in ("conditions", "board", "leak_ohm", *named):
         if getattr(saved, key) != getattr(asked_for, key):
-            raise FileError(str(path), key, "it was begun with others", again)
+            raise FileError(str(path), key, "it was begun with others", _AGAIN)
     check_made_on(path, saved.made_on, asked_for.made_on)
-    expected = {(one.electrode, one.state) for one in saved.asked}
-    if len(expected) != len(saved.asked) or any(
-        one.electrode not in saved.electrodes or one.state >= saved.states for one in saved.asked
-    ):
-        raise FileError(str(path), "asked", "it has what was not asked", again)
+    _check_electrodes(str(path), saved)
+    _check_asked(str(path), saved)
     doubted = saved.in_doubt.electrodes if saved.in_doubt is not None else frozenset[int]()
     if not doubted <= set(range(saved.conditions.electrodes)):
-        raise FileError(str(path), "in_doubt", "it names what was not asked", again)
+        raise FileError(str(path), "in_doubt", "it names what was not asked", _AGAIN)
     if saved.false_alarms > saved.catch_trials:
         why = f"{saved.false_alarms} of {saved.catch_trials} silent trials cannot be"
-        raise FileError(str(path), "false_alarms", why, again)
+        raise FileError(str(path), "false_alarms", why, _AGAIN)
     return saved
+
+
+def _check_electrodes(file: str, saved: FitProgress) -> None:
+    conditions, electrodes = saved.conditions, saved.electrodes
+    for one in electrodes:
+        check_electrode(file, "electrodes", conditions, one)
+        if (times := electrodes.count(one)) > 1:
+            raise FileError(file, "electrodes", f"{one} is there {times} times", _AGAIN)
+    if len(electrodes) < LEAST_ELECTRODES:
+        why = f"{len(electrodes)} electrodes, and {LEAST_ELECTRODES} are needed"
+        raise FileError(file, "electrodes", why, _AGAIN)
+    for key in ("lowered_ua", "lowering_ua"):
+        for one in getattr(saved, key):
+            check_electrode(file, key, conditions, one)
+
+
+def _check_asked(file: str, saved: FitProgress) -> None:
+    """Each once, in a state that is over, and one state after another: by time, a person who adapts
+    is told from one whose thresholds follow the resistance.
+    """
+    asked = {(one.electrode, one.state) for one in saved.asked}
+    if len(asked) != len(saved.asked) or any(
+        one.electrode not in saved.electrodes or not 0 <= one.state < saved.states
+        for one in saved.asked
+    ):
+        raise FileError(file, "asked", "it has what was not asked", _AGAIN)
+    in_order = sorted(saved.asked, key=lambda one: (one.state, one.at_s))
+    for before, after in pairwise(in_order):
+        if after.state > before.state and after.at_s <= before.at_s:
+            why = f"state {after.state + 1} was not asked in after state {before.state + 1}"
+            raise FileError(file, "asked", why, _AGAIN)
