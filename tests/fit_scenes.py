@@ -21,8 +21,10 @@ from etd.calibrate.course import Course
 from etd.calibrate.exponent import NoFit
 from etd.calibrate.fitting import FitProgress, Fitting, electrodes_to_ask
 from etd.calibrate.person import Felt, ResponseModel, SimulatedPerson
+from etd.calibrate.progress import Progress, finished
 from etd.calibrate.stimulator import Delivered
 from etd.protocol.calibration import Calibration, ElectrodeLimits
+from etd.protocol.errors import FileError
 from etd.protocol.exponent import FittedExponent
 from etd.pulse.measured import BEND_UA
 
@@ -110,8 +112,17 @@ def baseline(skin: StateSkin) -> Calibration:
     )
 
 
-def begun(skin: StateSkin, seed: int) -> FitProgress:
-    electrodes = electrodes_to_ask(baseline(skin))
+def calibrated(skin: StateSkin, seed: int, model: ResponseModel) -> Calibration:
+    """What this person's calibration finds, who adapts while it is made, and rests after it."""
+    progress = Progress(conditions=CONDITIONS, seed=seed)
+    person = SimulatedPerson(skin.sense, seed + 1, model)
+    Course(progress, skin, person, lambda: TODAY).run(range(N))
+    skin.presented.clear()
+    return finished(progress, TODAY, "test")
+
+
+def begun(skin: StateSkin, seed: int, made: Calibration | None = None) -> FitProgress:
+    electrodes = electrodes_to_ask(made or baseline(skin))
     return FitProgress(
         conditions=CONDITIONS, electrodes=electrodes, seed=seed, board=BOARD, leak_ohm=66_000
     )
@@ -152,9 +163,11 @@ def ask_all(
     seed: int,
     model: ResponseModel = ADAPTING,
     until: int = len(FALLS),
+    made: Calibration | None = None,
 ) -> Fitting:
     """In the states that are still to come, up to this number."""
-    made, fitting = baseline(skin), Fitting(progress)
+    made = made or baseline(skin)
+    fitting = Fitting(progress, made)
     person = SimulatedPerson(skin.sense, seed, model)
     while progress.states < until:
         skin.fall = FALLS[progress.states]
@@ -164,8 +177,10 @@ def ask_all(
 
 
 def found(k: float, seed: int, model: ResponseModel) -> FittedExponent | None:
+    """None also of whom a calibration finds too few electrodes that can be asked."""
     skin = StateSkin(k, seed)
     try:
-        return ask_all(skin, begun(skin, seed), seed, model).fit(TODAY)
-    except NoFit:
+        made = calibrated(skin, seed, model)
+        return ask_all(skin, begun(skin, seed, made), seed, model, made=made).fit(TODAY)
+    except (NoFit, FileError):
         return None

@@ -133,7 +133,7 @@ def own_fit(
         board=loaded.board.name,
         leak_ohm=loaded.board.source.leak_ohm,
     )
-    fitting, person = Fitting(progress), SimulatedPerson(finger.sense, seed)
+    fitting, person = Fitting(progress, made), SimulatedPerson(finger.sense, seed)
     for state in states.STATES:
         finger.begin(state)
         ask_in_this_state(fitting, progress.electrodes, finger, person, made)

@@ -15,7 +15,7 @@ from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.progress import Progress, load_progress, save_progress
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import FileError
-from fit_scenes import StateSkin, begun
+from fit_scenes import StateSkin, baseline, begun
 
 DOUBT = InDoubt(electrode=1, left_ua={1: 900})
 LOWER = replace(ROW, cap_ua=1_500)
@@ -106,7 +106,8 @@ def test_a_fit_goes_on_with_a_lower_limit_and_not_with_a_higher_one(path: Path) 
     save_progress(path, progress)
     now = load_fit(path, lower, ["seed", "electrodes"])
     assert now.conditions == lower.conditions
-    assert set(Fitting(now).caps_ua.values()) == {1_500}
+    now.states = 1
+    assert set(Fitting(now, baseline(StateSkin(0.8, 1))).caps_ua.values()) == {1_500}
     save_progress(path, now)
     with pytest.raises(FileError, match="conditions: it was begun with others"):
         load_fit(path, begun(StateSkin(0.8, 1), 1), ["seed", "electrodes"])

@@ -220,6 +220,18 @@ def test_the_reference_has_room_above_it_and_is_near_the_middle(
     assert default_reference(None, [0.0, 1.0, 2.0], [0.0] * 3) == 1
 
 
+def test_what_is_left_out_is_no_reference(baseline: Calibration) -> None:
+    """It would be presented in every comparison."""
+    each = [ElectrodeLimits(threshold_ua=500, comfortable_ua=700, cap_ua=840)] * 5
+    row = replace(baseline, electrode=tuple(each))
+    x_mm, y_mm = [0.0, 1.0, 2.0, 3.0, 4.0], [0.0] * 5
+    assert default_reference(row, x_mm, y_mm, {2}) == 1
+    assert default_reference(row, x_mm, y_mm, {2, 1}) == 3
+    # One that was not felt is refused as a reference, with a sentence.
+    row = replace(row, electrode=(*each[:4], replace(each[4], felt=False)))
+    assert default_reference(row, x_mm, y_mm, range(4)) == 4
+
+
 class MissingTheReference(SimulatedPerson):
     """Does not feel the reference alone at its level, so many times after so many other answers."""
 

@@ -312,6 +312,7 @@ def test_too_few_states_or_electrodes_and_gaps_are_refused() -> None:
         ({"low": 0.01, "high": 1.9}, "ends further from k than zero"),
         ({"k": -0.7, "low": -1.5, "high": -0.1}, "thresholds rise with the resistance"),
         ({"k": -0.2, "low": -0.3, "high": -0.1}, "a board's leak does that by itself"),
+        ({"k": -0.5, "low": -0.55, "high": -0.44}, "more than a board's leak makes them"),
         ({"k": 0.0, "low": 0.0, "high": 0.0}, "or do not follow it"),
         ({"k": 0.29, "low": 0.2, "high": 0.4}, r"is less than 0\.3: a board's leak"),
         ({"k": 2.1, "high": 2.5}, "is not believed"),

@@ -22,7 +22,7 @@ def fitting() -> Fitting:
     progress = FitProgress(
         conditions=ROW, electrodes=(0, 1, 2, 3), seed=1, board="kajimoto-hv507", leak_ohm=66_000
     )
-    return Fitting(progress)
+    return Fitting(progress, made())
 
 
 def made() -> Calibration:
@@ -44,7 +44,7 @@ def test_caps_are_what_was_left_and_levels_with_them(fitting: Fitting) -> None:
     now = fitting.progress_of_state()
     now.lower(0, 250)
     fitting.lower(now)
-    lowered = fitting.lowered(made())
+    lowered = fitting.lowered()
     assert lowered.electrode == (
         replace(
             FOUND, threshold_ua=250, comfortable_ua=250, cap_ua=250, felt=False, felt_from_ua=300
@@ -61,7 +61,7 @@ def test_a_key_that_slipped_takes_nothing(fitting: Fitting) -> None:
     of_state = fitting.progress_of_state()
     of_state.lower(1, 700)
     fitting.lower(of_state)
-    assert fitting.lowered(made()) != made()
+    assert fitting.lowered() != made()
     of_state.lowered_ua.clear()
     fitting.lower(of_state)
-    assert fitting.lowered(made()) == made()
+    assert fitting.lowered() == made()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -20,7 +21,7 @@ from etd.calibrate.fitting import (
 )
 from etd.calibrate.progress import save_progress
 from etd.protocol.errors import FileError
-from fit_scenes import FALLS, TODAY, StateSkin, begun
+from fit_scenes import FALLS, TODAY, StateSkin, baseline, begun
 
 #: Of a wall clock.
 THEN_S = 1_790_000_000.0
@@ -35,6 +36,10 @@ def asked_in(states: int) -> FitProgress:
             at_s = THEN_S + 400.0 * state + 30.0 * place
             progress.asked.append(Asked(electrode, state, at_s, 800.0, 50e3 / FALLS[state]))
     return progress
+
+
+def fitting_of(progress: FitProgress) -> Fitting:
+    return Fitting(progress, baseline(StateSkin(0.8, 1)))
 
 
 def test_a_pause_is_waited_out_and_the_next_day_is_another_skin() -> None:
@@ -83,7 +88,7 @@ def test_the_board_goes_into_the_exponent() -> None:
         )
         for one in progress.asked
     ]
-    found = Fitting(progress).fit(TODAY)
+    found = fitting_of(progress).fit(TODAY)
     assert (found.board, found.leak_ohm) == ("kajimoto-hv507", 66_000)
     assert found.why_not is None
     assert found.k == pytest.approx(1.0, abs=0.1)
@@ -91,14 +96,71 @@ def test_the_board_goes_into_the_exponent() -> None:
 
 def test_where_too_few_electrodes_are_left_nobody_is_asked_in_vain() -> None:
     progress = asked_in(3)
-    assert not Fitting(progress).is_lost
+    assert not fitting_of(progress).is_lost
     few = progress.electrodes[:3]
     whole = progress.asked
     # Of five states four are enough: damp skin can need more than the limit.
     progress.asked = [one for one in whole if one.state != 1 or one.electrode in few]
-    assert not Fitting(progress).is_lost
+    assert not fitting_of(progress).is_lost
     progress.asked = [one for one in whole if one.state == 0 or one.electrode in few]
-    assert Fitting(progress).is_lost
+    assert fitting_of(progress).is_lost
     with pytest.raises(NoFit, match=r"3 of 6 electrodes .* all but 1, and 4 are needed: damp skin"):
-        Fitting(progress).fit(TODAY)
-    assert not Fitting(asked_in(0)).is_lost
+        fitting_of(progress).fit(TODAY)
+    assert not fitting_of(asked_in(0)).is_lost
+    progress.asked = [one for one in whole if one.state == 1 or one.electrode in few]
+    with pytest.raises(NoFit, match=r"needed: on dry skin .* above the calibration's caps: rest"):
+        fitting_of(progress).fit(TODAY)
+
+
+@pytest.mark.parametrize(
+    ("electrodes", "why"),
+    [
+        ((0, 1, 2, 999), "there is no such electrode: the array has 0 to 7"),
+        ((0, 1, 1, 1), "1 is there 3 times"),
+        ((0, 1, 2), "3 electrodes, and 4 are needed"),
+    ],
+)
+def test_a_saved_fit_of_electrodes_that_cannot_be_is_refused(
+    tmp_path: Path, electrodes: tuple[int, ...], why: str
+) -> None:
+    path, progress = tmp_path / "fit.json", asked_in(0)
+    progress.electrodes = electrodes
+    save_progress(path, progress)
+    with pytest.raises(FileError, match=rf"fit\.json: electrodes.*: {why}.*--restart"):
+        load_fit(path, asked_in(0))
+
+
+def at_once(_: Asked) -> float:
+    return THEN_S
+
+
+def backwards(one: Asked) -> float:
+    return THEN_S - 400.0 * one.state
+
+
+@pytest.mark.parametrize("at_s", [at_once, backwards])
+def test_a_saved_fit_whose_states_do_not_follow_one_another_is_refused(
+    tmp_path: Path, at_s: Callable[[Asked], float]
+) -> None:
+    """Time would be taken for what it is not: a usable k came of five states at once."""
+    path, progress = tmp_path / "fit.json", asked_in(len(STATES))
+    progress.asked = [msgspec.structs.replace(one, at_s=at_s(one)) for one in progress.asked]
+    save_progress(path, progress)
+    with pytest.raises(FileError, match=r"asked: state 2 was not asked in after state 1"):
+        load_fit(path, asked_in(0))
+    # In whichever order they are written.
+    progress = asked_in(len(STATES))
+    progress.asked.reverse()
+    save_progress(path, progress)
+    assert load_fit(path, asked_in(0)) == progress
+
+
+@pytest.mark.parametrize("key", ["lowered_ua", "lowering_ua"])
+def test_a_saved_fit_that_lowers_what_the_array_has_not_is_refused(
+    tmp_path: Path, key: str
+) -> None:
+    path, progress = tmp_path / "fit.json", asked_in(2)
+    setattr(progress, key, {-1: 700})
+    save_progress(path, progress)
+    with pytest.raises(FileError, match=rf"{key}\.-1: there is no such electrode"):
+        load_fit(path, asked_in(0))

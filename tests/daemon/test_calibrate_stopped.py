@@ -342,12 +342,12 @@ def fit_progress(in_doubt: InDoubt | None = None) -> FitProgress:
 def test_a_fit_that_is_stopped_asks_when_it_goes_on(tmp_path: Path) -> None:
     doubt = InDoubt(electrode=2, left_ua={2: 700})
     progress, path = fit_progress(), tmp_path / "fit.json"
-    fitting = Fitting(progress)
+    fitting = Fitting(progress, BASELINE)
     of_state = fitting.progress_of_state()
     of_state.in_doubt = doubt
     fitting.lower(of_state)
     save_progress(path, progress)
-    again = Fitting(load_fit(path, fit_progress())).progress_of_state()
+    again = Fitting(load_fit(path, fit_progress()), BASELINE).progress_of_state()
     assert again.in_doubt == doubt
     again.in_doubt = None
     fitting.lower(again)

@@ -26,6 +26,8 @@ from etd.protocol.facts import ArrayFacts
 
 pytestmark = pytest.mark.slow
 
+EQUALIZE = ("P1", "--method", "equalize", "--baseline", "fake-fingertip-pad-8")
+
 
 @pytest.fixture(autouse=True)
 def _state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -382,16 +384,13 @@ def test_what_does_not_go_together_is_used_wrongly(
             "--leave-out: all 8 electrodes of the array are left out",
         ),
         (
-            [
-                "P1",
-                "--method",
-                "equalize",
-                "--baseline",
-                "fake-fingertip-pad-8",
-                "--reference",
-                "-1",
-            ],
+            [*EQUALIZE, "--reference", "-1"],
             "--reference: there is no elec",
+        ),
+        (
+            [*EQUALIZE, "--reference", "3", "--leave-out", "1,3"],
+            "--leave-out: electrode 3 is the --reference, which is presented in every comparison;"
+            " name another --reference, or none",
         ),
         (["P1", "--max-current-ua", "2000", "--returns", "ring:5"], '"all" is possible'),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -13,11 +14,13 @@ from hypothesis import strategies as st
 
 import engine_rig
 from engine_rig import LEASE, EngineRig
-from engine_scenes import calibration, clamps, config, only, opened_to, phases
+from engine_scenes import calibration, clamps, config, exponent, only, opened_to, phases
 from etd.protocol.calibration import Calibration, ElectrodeLimits
 from etd.protocol.link import Answer, CloseLease
 from etd.pulse.request import NO_GAIN, PulseRequest
+from etd.stabilize.law_settings import PowerLawSettings
 from etd.stabilize.pipeline import ElectrodeEstimate
+from etd.stabilize.settings import Settings
 from trace_decoder import visits
 
 pytestmark = pytest.mark.slow
@@ -156,6 +159,25 @@ def test_the_engine_itself_refuses_what_does_not_belong_together(make_rig: MakeR
         assert said in answer.reason
     assert rig.ask(CloseLease, lease=LEASE).error is None
     assert opened(rig, cathodic).error is None
+
+
+def test_of_two_calibrations_the_one_without_an_exponent_is_named(make_rig: MakeRig) -> None:
+    """Where the body site has `power_law`: each polarity needs its own k."""
+    loaded = config(electrodes=N)
+    law = Settings(order=("power_law",), power_law=PowerLawSettings())
+    site = msgspec.structs.replace(loaded.body_site, stabilize=law)
+    rig = make_rig(loaded=dataclasses.replace(loaded, body_site=site))
+    anodic, cathodic = both(rig, (1_000,) * N, (1_000,) * N)
+    known, *others = (
+        msgspec.structs.replace(made, exponent=exponent(k))
+        for made, k in ((anodic, 0.7), (cathodic, -0.2), (cathodic, 0.8))
+    )
+    refused = opened(rig, known, cathodic)
+    assert refused.error == "bad_calibration"
+    assert "calibration 'c1' (cathodic) has none" in refused.reason
+    refused = opened(rig, known, others[0])
+    assert "calibration 'c1' (cathodic): power_law is not for this person: k = " in refused.reason
+    assert opened(rig, known, others[1]).error is None
 
 
 def test_a_session_is_that_of_the_set_in_whichever_order(make_rig: MakeRig) -> None:

@@ -19,12 +19,24 @@ from etd.calibrate.fitting import (
     electrodes_to_ask,
     load_fit,
 )
-from etd.calibrate.person import ResponseModel
+from etd.calibrate.person import ResponseModel, SimulatedPerson
 from etd.calibrate.progress import save_progress
 from etd.calibrate.reach import RISE
 from etd.protocol.calibration import ElectrodeLimits
 from etd.protocol.errors import FileError
-from fit_scenes import ADAPTING, POOR, TODAY, N, StateSkin, ask_all, baseline, begun, found
+from fit_scenes import (
+    ADAPTING,
+    POOR,
+    TODAY,
+    N,
+    StateSkin,
+    ask_all,
+    ask_in_this_state,
+    baseline,
+    begun,
+    calibrated,
+    found,
+)
 
 
 @pytest.mark.parametrize(("model", "least"), [(ADAPTING, 9), (POOR, 5)], ids=["adapting", "poor"])
@@ -43,8 +55,9 @@ def test_who_has_a_k_gets_it_and_hardly_anybody_without(model: ResponseModel, le
 
 def test_nothing_is_presented_that_was_not_answered_a_step_below() -> None:
     skin = StateSkin(0.8, 1)
-    progress = begun(skin, 1)
-    fitting = ask_all(skin, progress, 1)
+    made = calibrated(skin, 1, ADAPTING)
+    progress = begun(skin, 1, made)
+    fitting = ask_all(skin, progress, 1, made=made)
     assert fitting.fit(TODAY).why_not is None
     most = 0.0
     for electrode in progress.electrodes:
@@ -54,6 +67,23 @@ def test_nothing_is_presented_that_was_not_answered_a_step_below() -> None:
                 most = max(most, current_ua / tolerated_ua if tolerated_ua else 0.0)
                 tolerated_ua = max(tolerated_ua, current_ua)
     assert 1.0 < most <= RISE + 0.01
+
+
+def test_dry_skin_gets_no_more_than_its_caps_and_damp_skin_up_to_the_limit() -> None:
+    """Of a person who does not feel any of it."""
+    skin = StateSkin(0.8, 1)
+    made, progress = baseline(skin), begun(skin, 1)
+    asked = progress.electrodes
+    skin.threshold_ua = [9_000.0] * N
+    fitting, person = Fitting(progress, made), SimulatedPerson(skin.sense, 1)
+    assert fitting.above_caps_ua == dict.fromkeys(asked, 4_000)
+    for state in STATES:
+        skin.presented.clear()
+        ask_in_this_state(fitting, asked, skin, person, made)
+        for one in asked:
+            is_damp = state.name in ("damp", "pressed")
+            most_ua = 4_000 if is_damp else made.electrode[one].cap_ua
+            assert max(ua for at, ua in skin.presented if at == one) == most_ua
 
 
 def test_an_interruption_between_two_states_loses_nothing(tmp_path: Path) -> None:
@@ -89,15 +119,17 @@ def test_a_saved_fit_of_other_conditions_is_refused(tmp_path: Path) -> None:
 
 def test_what_was_too_strong_stays_below_in_later_states_unless_it_is_taken_back() -> None:
     progress = begun(StateSkin(0.8, 1), 1)
-    fitting = Fitting(progress)
+    fitting = Fitting(progress, baseline(StateSkin(0.8, 1)))
     of_state = fitting.progress_of_state()
     electrode = progress.electrodes[0]
+    cap_ua = fitting.caps_ua[electrode]
+    assert cap_ua > 700
     of_state.lower(electrode, 700)
     fitting.lower(of_state)
     of_state.lowered_ua.clear()
     fitting.lower(of_state)
     fitting.progress_of_state()
-    assert fitting.caps_ua[electrode] == 4_000
+    assert fitting.caps_ua[electrode] == cap_ua
     of_state.lower(electrode, 700)
     fitting.lower(of_state)
     fitting.progress_of_state()
@@ -113,6 +145,20 @@ def test_electrodes_without_room_or_feeling_are_not_asked() -> None:
         electrodes_to_ask(few)
     with pytest.raises(FileError, match=r"electrode 5 was not .*choose of 0, 1"):
         electrodes_to_ask(few, (5,))
+
+
+def test_a_limit_below_the_thresholds_of_the_baseline_is_refused_at_once() -> None:
+    """Two states would be answered before it is known that too few have a threshold."""
+    made = baseline(StateSkin(0.8, 1))
+    low = sorted(one.threshold_ua for one in made.electrode)
+    said = f"--max-current-ua: 3 electrodes have a threshold below {low[3]} uA .* above {low[3]} uA"
+    with pytest.raises(FileError, match=said):
+        electrodes_to_ask(made, most_ua=low[3])
+    asked = electrodes_to_ask(made, most_ua=low[3] + 1)
+    assert sorted(made.electrode[one].threshold_ua for one in asked) == low[:4]
+    above = next(at for at, one in enumerate(made.electrode) if one.threshold_ua == low[-1])
+    with pytest.raises(FileError, match=f"electrode {above} was not felt, or has no room"):
+        electrodes_to_ask(made, (*asked, above), low[-1])
 
 
 def test_a_person_whose_electrodes_need_more_than_the_limit_is_told_so() -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
 from command_rig import CommandRig, command_rig
+from etd.calibrate.progress import Progress
 from etd.files import resources
 from etd.files.calibration import load_calibration
 from etd.protocol.calibration import Calibration
@@ -18,6 +20,12 @@ pytestmark = pytest.mark.slow
 
 BASELINE = "fake-fingertip-pad-8"
 REFERENCE = 3
+#: What the command takes for a reference by itself.
+DEFAULT = 3
+BY_ITSELF = (
+    "calibrate", "fake", "--method", "equalize", "--baseline", BASELINE, "--board", "fake",
+    "--array", "pad-8",
+)  # fmt: skip
 EQUAL = ("calibrate", "fake", "--method", "equalize", "--reference", str(REFERENCE), "--baseline")
 
 
@@ -122,3 +130,28 @@ def test_an_electrode_that_was_too_strong_is_lowered_and_the_same_command_goes_o
     )
     assert now.cap_ua < was.cap_ua
     assert lowered.electrode[REFERENCE] == before.electrode[REFERENCE]
+
+
+def reference_of(rig: CommandRig, name: str, *options: str) -> int | None:
+    """Of a calibration that is left in its beginning."""
+    at = AtTerminal(rig, *BY_ITSELF, "--as", name, *options)
+    try:
+        at.command.line_with("How strong was it?", "stdout")
+        at.press(b"t")
+        at.command.line_with("Was it so?", "stdout")
+        at.press(b"q")
+        assert at.command.ended().status == 1
+    finally:
+        at.close()
+    (saved,) = (rig.folder / "state").rglob(f"{name}.json")
+    return msgspec.json.decode(saved.read_bytes(), type=Progress).conditions.reference
+
+
+def test_what_is_left_out_is_not_what_the_others_are_compared_with(rig: CommandRig) -> None:
+    """Nor in a calibration that was begun with it: its comparisons would go on."""
+    left_out = ("--leave-out", str(DEFAULT))
+    assert reference_of(rig, "K7") == DEFAULT
+    refused = rig.run(*BY_ITSELF, "--as", "K7", *left_out)
+    assert refused.status == 2
+    assert f"K7.json: conditions.reference: the saved progress has {DEFAULT}, this" in refused.err
+    assert reference_of(rig, "K8", *left_out) not in (None, DEFAULT)

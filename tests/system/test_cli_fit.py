@@ -143,6 +143,33 @@ def test_k_is_added_to_a_calibration_and_it_is_said_where_there_is_none(rig: Com
         assert "without a baseline" not in others.err
 
 
+def test_a_limit_that_few_thresholds_are_below_is_refused_before_anything_is_asked(
+    rig: CommandRig,
+) -> None:
+    told = rig.run(*FIT, *ON_FAKE, "--max-current-ua", "1005")
+    assert told.status == 2
+    assert "--max-current-ua: 2 electrodes have a threshold below 1005 uA" in told.err
+
+
+def test_it_says_first_what_damp_skin_may_get_above_the_caps(rig: CommandRig) -> None:
+    first, *others = shipped().electrode
+    lower = replace(first, comfortable_ua=1_500, cap_ua=1_800)
+    asked = ("calibrate", "fake", "--fit", "--baseline", "K02", "--as", "K02", *LIMIT, "--arm")
+    said = "in 2 of 5 states, 1 of 6 electrodes may get more than their caps in K02, up to 2000 uA"
+    for electrode, is_said in ((first, False), (lower, True)):
+        with rig.daemon("--array", "pad-8"):
+            import_as(rig, replace(shipped(), electrode=(electrode, *others)), "K02")
+            at = AtTerminal(rig, *asked)
+            try:
+                assert at.command.line() == ""
+                at.command.line_with("Then any key", "stdout")
+                at.press(b"q")
+                assert (said in at.command.ended().err) == is_said
+            finally:
+                at.close()
+            rig.run("calibration", "delete", "K02")
+
+
 def test_after_a_lease_that_lapsed_it_is_said_what_is_kept(rig: CommandRig) -> None:
     with rig.daemon("--array", "pad-8"):
         at = AtTerminal(rig, *FIT, "--arm")

@@ -8,7 +8,7 @@ figures that are taken over from the baseline. Must not know: the order of elect
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from msgspec.structs import replace
 
@@ -122,13 +122,18 @@ class EqualTasks:
 
 
 def default_reference(
-    baseline: Calibration | None, x_mm: Sequence[float], y_mm: Sequence[float]
+    baseline: Calibration | None,
+    x_mm: Sequence[float],
+    y_mm: Sequence[float],
+    left_out: Collection[int] = (),
 ) -> int:
     """Of the electrodes with the most room above their comfortable level, the one nearest to the
-    middle: it is presented in every comparison, and once too strong would end them all.
+    middle: it is presented in every comparison, and once too strong would end them all. `left_out`:
+    not all of them; these are not presented.
     """
     each = () if baseline is None else baseline.electrode[: len(x_mm)]
-    felt = [index for index, limits in enumerate(each) if limits.felt]
+    presented = [index for index in range(len(x_mm)) if index not in left_out]
+    felt = [index for index in presented if each and each[index].felt]
     middle_x, middle_y = sum(x_mm) / len(x_mm), sum(y_mm) / len(y_mm)
 
     def order(electrode: int) -> tuple[float, float]:
@@ -138,7 +143,7 @@ def default_reference(
         room = each[electrode].cap_ua / max(1, each[electrode].comfortable_ua)
         return -round(min(HEADROOM, room) / _ROOM_STEP), away
 
-    return min(felt or range(len(x_mm)), key=order)
+    return min(felt or presented, key=order)
 
 
 def _unfelt_reference(reference: int) -> Refused:

@@ -7,13 +7,16 @@ not know: procedures, the fit itself (exponent), terminals, daemons.
 The skin becomes damp and dry again, and again, so that a person who adapts meanwhile can be told
 from one whose thresholds follow the resistance. Currents begin at half of the lowest threshold that
 the electrode had so far, since the skin may need less or more now, and rise as in any
-calibration: each step was answered before the next, up to the limit of this one.
+calibration: each step was answered before the next. Damp skin may need more than the caps of the
+calibration, and gets up to the limit of this one; dry skin gets no more than its caps, which were
+accepted on such.
 """
 
 from __future__ import annotations
 
 import datetime
 from collections.abc import Collection, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -24,7 +27,7 @@ from etd.calibrate.conditions import Conditions
 from etd.calibrate.exponent import LEAST_STATES, Asked, NoFit, fitted
 from etd.calibrate.in_doubt import InDoubt
 from etd.calibrate.lowered import lowered
-from etd.calibrate.progress import BoardNamed, Progress, check_made_on
+from etd.calibrate.progress import BoardNamed, Progress, check_electrode, check_made_on
 from etd.protocol.calibration import MOST_SEED, Calibration, Seed, Ua
 from etd.protocol.errors import FileError
 from etd.protocol.exponent import LEAST_ELECTRODES, FittedExponent
@@ -44,20 +47,29 @@ MOST_PAUSE_S = 3_600.0
 class SkinState(NamedTuple):
     name: str
     todo: str
+    #: It is damper than for the calibration.
+    is_damp: bool = False
 
 
 STATES: Final = (
     SkinState("dry", "Lay the finger on as for the calibration, and let it rest for a minute."),
     SkinState(
-        "damp", "Breathe on array and fingertip, ten slow breaths, and lay the finger on again."
+        "damp",
+        "Breathe on array and fingertip, ten slow breaths, and lay the finger on again.",
+        is_damp=True,
     ),
     SkinState("dry again", "Wipe array and finger with a dry cloth; wait two minutes in the air."),
-    SkinState("pressed", "Breathe on it again, and press more firmly than before, all the time."),
+    SkinState(
+        "pressed",
+        "Breathe on it again, and press more firmly than before, all the time.",
+        is_damp=True,
+    ),
     SkinState("dry at last", "Wipe both; wait two minutes in the air; press as at first."),
 )
 
 
-#: In so many of them an electrode may have no threshold: damp skin can need more than the limit.
+#: In so many of them an electrode may have no threshold: damp skin can need more than the limit,
+#: and use can raise a threshold above its cap, on dry skin.
 _MAY_LACK: Final = len(STATES) - LEAST_STATES
 
 
@@ -88,10 +100,11 @@ class FitProgress(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Fitting:
-    """`progress` is filled in; see the module."""
+    """`progress` is filled in; see the module. `baseline`: what k is added to."""
 
-    def __init__(self, progress: FitProgress) -> None:
+    def __init__(self, progress: FitProgress, baseline: Calibration) -> None:
         self._progress = progress
+        self._baseline = baseline
         self._found_s: dict[int, float] = {}
 
     @property
@@ -110,12 +123,24 @@ class Fitting:
 
     @property
     def caps_ua(self) -> dict[int, int]:
-        """By electrode, the most that is presented: damp skin may need more than the calibration's
-        cap, which was accepted on skin of another kind.
-        """
+        """By electrode, the most that is presented in this state."""
+        is_damp = self.state is not None and self.state.is_damp
+        return {one: self._most_ua(one, is_damp=is_damp) for one in self._progress.electrodes}
+
+    @property
+    def above_caps_ua(self) -> dict[int, int]:
+        """Of those that may get more on damp skin than on dry, how much."""
+        return {
+            one: damp_ua
+            for one in self._progress.electrodes
+            if (damp_ua := self._most_ua(one, is_damp=True)) > self._most_ua(one, is_damp=False)
+        }
+
+    def _most_ua(self, electrode: int, *, is_damp: bool) -> int:
         progress = self._progress
         most_ua = progress.conditions.presented_ua
-        return {one: progress.lowered_ua.get(one, most_ua) for one in progress.electrodes}
+        most_ua = min(most_ua, progress.lowered_ua.get(electrode, most_ua))
+        return most_ua if is_damp else min(most_ua, self._baseline.electrode[electrode].cap_ua)
 
     def threshold_found(self, electrode: int, now_s: float) -> None:
         """Called as it is found: a state takes minutes."""
@@ -148,11 +173,11 @@ class Fitting:
         progress.false_alarms += of_state.false_alarms
         return tuple(missing)
 
-    def lowered(self, baseline: Calibration) -> Calibration:
-        """The calibration without what was too strong in any state: the caps of these electrodes
+    def lowered(self) -> Calibration:
+        """The baseline without what was too strong in any state: the caps of these electrodes
         are lower, and what was found of all levels together is of others.
         """
-        return lowered(baseline, self.left_ua)
+        return lowered(self._baseline, self.left_ua)
 
     @property
     def left_ua(self) -> dict[int, tuple[int, int]]:
@@ -192,8 +217,7 @@ class Fitting:
             raise NoFit(
                 f"{len(known)} of {len(self._progress.electrodes)} electrodes have a threshold in"
                 f" all states so far, or all but {_MAY_LACK}, and {LEAST_ELECTRODES} are needed:"
-                " damp skin may need more current, so raise --max-current-ua, choose --electrodes"
-                " with lower thresholds, or breathe less"
+                f" {self._why_lacking}"
             )
         whole = [one for one in asked if one.electrode in known]
         progress, silent = self._progress, self._progress.catch_trials
@@ -203,6 +227,26 @@ class Fitting:
             catch_trials=silent or None,
             false_alarm_rate=round(progress.false_alarms / silent, 3) if silent else None,
         )
+
+    @property
+    def _why_lacking(self) -> str:
+        """And what to do: by the kind of states where most thresholds are missing."""
+        if self._lacking(is_damp=False) > self._lacking(is_damp=True):
+            return (
+                "on dry skin thresholds are now above the calibration's caps: rest, and ask again,"
+                " or calibrate anew"
+            )
+        return (
+            "damp skin may need more current, so raise --max-current-ua, choose --electrodes with"
+            " lower thresholds, or breathe less"
+        )
+
+    def _lacking(self, *, is_damp: bool) -> int:
+        """So many thresholds are missing in the states of this kind that are over."""
+        progress = self._progress
+        over = [at for at in range(progress.states) if STATES[at].is_damp == is_damp]
+        found = sum(one.state in over for one in progress.asked)
+        return len(over) * len(progress.electrodes) - found
 
     @property
     def is_lost(self) -> bool:
@@ -219,16 +263,24 @@ class Fitting:
         }
 
 
-def electrodes_to_ask(baseline: Calibration, named: Sequence[int] = ()) -> tuple[int, ...]:
+def electrodes_to_ask(
+    baseline: Calibration, named: Sequence[int] = (), most_ua: int = MOST_UA
+) -> tuple[int, ...]:
     """Those `named`, or some that have room above their threshold, spread over the array.
+    `most_ua`: no more is presented, whatever the caps.
 
     Raises: FileError, where they are too few, or not felt.
     """
-    felt = [
-        electrode
-        for electrode, limits in enumerate(baseline.electrode)
-        if limits.felt and limits.cap_ua > limits.threshold_ua
-    ]
+    felt, by_caps = _with_room(baseline, most_ua), _with_room(baseline, MOST_UA)
+    if len(felt) < LEAST_ELECTRODES <= len(by_caps):
+        lowest_ua = sorted(baseline.electrode[one].threshold_ua for one in by_caps)
+        raise FileError(
+            "the command line",
+            "--max-current-ua",
+            f"{len(felt)} electrodes have a threshold below {most_ua} uA in the calibration",
+            f"at least {LEAST_ELECTRODES} must: a limit well above"
+            f" {lowest_ua[LEAST_ELECTRODES - 1]} uA, since damp skin may need more",
+        )
     for electrode in named:
         if electrode not in felt:
             raise FileError(
@@ -246,6 +298,14 @@ def electrodes_to_ask(baseline: Calibration, named: Sequence[int] = ()) -> tuple
             f"at least {LEAST_ELECTRODES} that were felt, with room above the threshold",
         )
     return tuple(chosen)
+
+
+def _with_room(baseline: Calibration, most_ua: int) -> list[int]:
+    return [
+        electrode
+        for electrode, limits in enumerate(baseline.electrode)
+        if limits.felt and min(limits.cap_ua, most_ua) > limits.threshold_ua
+    ]
 
 
 def _spread(felt: Sequence[int]) -> list[int]:
@@ -284,37 +344,67 @@ def _long(seconds: float) -> str:
 # --- its file ------------------------------------------------------------------------------------
 
 
+_AGAIN: Final = "start again with --restart"
+
+
 def load_fit(path: Path, asked_for: FitProgress, named: Collection[str] = ()) -> FitProgress:
     """The saved one, for the same conditions. `named`: what else was asked for by name, of `seed`
     and `electrodes`; what was not is as it was saved.
 
     Raises: FileError.
     """
-    again = "start again with --restart"
     try:
         saved = msgspec.json.decode(path.read_bytes(), type=FitProgress)
     except OSError as error:
         why = f"it cannot be read ({error.strerror})"
         raise FileError(str(path), "", why, "check its permissions") from error
     except msgspec.DecodeError as error:
-        raise FileError(str(path), "", f"it is no saved fit ({error})", again) from error
+        raise FileError(str(path), "", f"it is no saved fit ({error})", _AGAIN) from error
     if asked_for.conditions.cap_ua < saved.conditions.cap_ua:
         # A lower limit: each step of what is asked is answered anyway.
         limit_ua = asked_for.conditions.cap_ua
         saved.conditions = msgspec.structs.replace(saved.conditions, cap_ua=limit_ua)
     for key in ("conditions", "board", "leak_ohm", *named):
         if getattr(saved, key) != getattr(asked_for, key):
-            raise FileError(str(path), key, "it was begun with others", again)
+            raise FileError(str(path), key, "it was begun with others", _AGAIN)
     check_made_on(path, saved.made_on, asked_for.made_on)
-    expected = {(one.electrode, one.state) for one in saved.asked}
-    if len(expected) != len(saved.asked) or any(
-        one.electrode not in saved.electrodes or one.state >= saved.states for one in saved.asked
-    ):
-        raise FileError(str(path), "asked", "it has what was not asked", again)
+    _check_electrodes(str(path), saved)
+    _check_asked(str(path), saved)
     doubted = saved.in_doubt.electrodes if saved.in_doubt is not None else frozenset[int]()
     if not doubted <= set(range(saved.conditions.electrodes)):
-        raise FileError(str(path), "in_doubt", "it names what was not asked", again)
+        raise FileError(str(path), "in_doubt", "it names what was not asked", _AGAIN)
     if saved.false_alarms > saved.catch_trials:
         why = f"{saved.false_alarms} of {saved.catch_trials} silent trials cannot be"
-        raise FileError(str(path), "false_alarms", why, again)
+        raise FileError(str(path), "false_alarms", why, _AGAIN)
     return saved
+
+
+def _check_electrodes(file: str, saved: FitProgress) -> None:
+    conditions, electrodes = saved.conditions, saved.electrodes
+    for one in electrodes:
+        check_electrode(file, "electrodes", conditions, one)
+        if (times := electrodes.count(one)) > 1:
+            raise FileError(file, "electrodes", f"{one} is there {times} times", _AGAIN)
+    if len(electrodes) < LEAST_ELECTRODES:
+        why = f"{len(electrodes)} electrodes, and {LEAST_ELECTRODES} are needed"
+        raise FileError(file, "electrodes", why, _AGAIN)
+    for key in ("lowered_ua", "lowering_ua"):
+        for one in getattr(saved, key):
+            check_electrode(file, key, conditions, one)
+
+
+def _check_asked(file: str, saved: FitProgress) -> None:
+    """Each once, in a state that is over, and one state after another: by time, a person who adapts
+    is told from one whose thresholds follow the resistance.
+    """
+    asked = {(one.electrode, one.state) for one in saved.asked}
+    if len(asked) != len(saved.asked) or any(
+        one.electrode not in saved.electrodes or not 0 <= one.state < saved.states
+        for one in saved.asked
+    ):
+        raise FileError(file, "asked", "it has what was not asked", _AGAIN)
+    in_order = sorted(saved.asked, key=lambda one: (one.state, one.at_s))
+    for before, after in pairwise(in_order):
+        if after.state > before.state and after.at_s <= before.at_s:
+            why = f"state {after.state + 1} was not asked in after state {before.state + 1}"
+            raise FileError(file, "asked", why, _AGAIN)

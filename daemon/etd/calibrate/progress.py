@@ -254,12 +254,12 @@ def load_progress(
     _check_order(str(path), progress, seed)
     if progress.in_doubt is not None:
         for electrode in progress.in_doubt.electrodes:
-            _check_electrode(str(path), "in_doubt", progress.conditions, electrode)
+            check_electrode(str(path), "in_doubt", progress.conditions, electrode)
     for electrode, limits in progress.found.items():
         _check_found(str(path), progress, electrode, limits)
     for key in ("lowered_ua", "together_ua"):
         for electrode in getattr(progress, key):
-            _check_electrode(str(path), key, conditions, electrode)
+            check_electrode(str(path), key, conditions, electrode)
     progress.hold_within(conditions)
     return progress
 
@@ -294,7 +294,8 @@ def _check_order(path: str, progress: Progress, seed: int | None) -> None:
         )
 
 
-def _check_electrode(path: str, key: str, conditions: Conditions, electrode: int) -> None:
+def check_electrode(path: str, key: str, conditions: Conditions, electrode: int) -> None:
+    """Raises: FileError, where the array has none of that number."""
     if not 0 <= electrode < conditions.electrodes:
         raise FileError(
             path,
@@ -306,7 +307,7 @@ def _check_electrode(path: str, key: str, conditions: Conditions, electrode: int
 
 def _check_found(path: str, progress: Progress, electrode: int, limits: ElectrodeLimits) -> None:
     """A cap is a current that was presented: it cannot exceed the highest presented one."""
-    _check_electrode(path, "found", progress.conditions, electrode)
+    check_electrode(path, "found", progress.conditions, electrode)
     most_ua = progress.conditions.presented_ua
     lowered_ua = progress.lowered_ua.get(electrode, most_ua)
     why = ""

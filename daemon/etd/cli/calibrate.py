@@ -122,7 +122,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="E",
         help="with equalize: the electrode that the others are compared with (default: of those"
-        " with the most room above their comfortable level, the nearest to the middle)",
+        " that are not left out, with the most room above their comfortable level, the nearest to"
+        " the middle)",
     )
     parser.add_argument(
         "--fit",

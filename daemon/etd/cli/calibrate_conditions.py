@@ -66,7 +66,7 @@ def requested_conditions(
 
 
 def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
-    """Raises: FileError, for an electrode that the array does not have."""
+    """Raises: FileError, for an electrode that the array does not have, and where none is left."""
     named = {"--leave-out": args.leave_out, "--reference": (args.reference,)}
     for option, electrodes in named.items():
         for electrode in electrodes:
@@ -77,6 +77,21 @@ def _check_electrodes(args: argparse.Namespace, array: ArrayFacts) -> None:
                     f"there is no electrode {electrode}",
                     f"0 to {array.electrodes - 1}",
                 )
+    if set(args.leave_out) >= set(range(array.electrodes)):
+        raise FileError(
+            COMMAND_LINE,
+            "--leave-out",
+            f"all {array.electrodes} electrodes of the array are left out",
+            "leave one to be asked, at least",
+        )
+    if args.reference in args.leave_out:
+        raise FileError(
+            COMMAND_LINE,
+            "--leave-out",
+            f"electrode {args.reference} is the --reference, which is presented in every"
+            " comparison",
+            "name another --reference, or none",
+        )
 
 
 def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
@@ -93,4 +108,4 @@ def _check_returns(args: argparse.Namespace, facts: HelloReply) -> None:
 def _reference(args: argparse.Namespace, array: ArrayFacts, base: Calibration | None) -> int | None:
     if args.method != "equalize" or args.reference is not None:
         return args.reference if args.method == "equalize" else None
-    return default_reference(base, array.x_mm, array.y_mm)
+    return default_reference(base, array.x_mm, array.y_mm, args.leave_out)

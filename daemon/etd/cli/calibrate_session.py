@@ -35,7 +35,7 @@ from etd.calibrate.progress import (
 )
 from etd.calibrate.stimulator import NotDelivered, Stimulator
 from etd.cli import options
-from etd.cli.calibrate_conditions import COMMAND_LINE, requested_conditions
+from etd.cli.calibrate_conditions import requested_conditions
 from etd.cli.calibrate_kept import kept_of_restart, made_on, name_of_daemon
 from etd.cli.calibrate_result import (
     marked,
@@ -54,7 +54,6 @@ from etd.cli.whole_taken_down import said_of_whole
 from etd.client import Display, clock
 from etd.files.paths import calibrating_file
 from etd.protocol.calibration import MOST_SEED, Calibration
-from etd.protocol.errors import FileError
 from etd.version import __version__
 from etd_hal.compose import wall_time
 
@@ -83,13 +82,6 @@ class CalibrateSession:
         self._progress = self._begun(conditions)
         for electrode in args.leave_out:
             self._progress.leave_out(electrode)
-        if set(args.leave_out) >= set(range(conditions.electrodes)):
-            raise FileError(
-                COMMAND_LINE,
-                "--leave-out",
-                f"all {conditions.electrodes} electrodes of the array are left out",
-                "leave one to be asked, at least",
-            )
         if args.skin_celsius is not None:
             self._progress.skin_celsius = args.skin_celsius
         self._screen = Screen(

@@ -86,14 +86,14 @@ class FitSession:
         self._progress = self._begun(
             FitProgress(
                 conditions=conditions,
-                electrodes=self._electrodes_to_ask(),
+                electrodes=self._electrodes_to_ask(conditions.presented_ua),
                 seed=self._new_seed() if args.seed is None else args.seed,
                 board=display.facts.board.name,
                 leak_ohm=display.facts.board.leak_ohm,
                 made_on=made_on(args, display),
             )
         )
-        self._fitting = Fitting(self._progress)
+        self._fitting = Fitting(self._progress, self._baseline)
         self._screen = self._screen_of(self._fitting.progress_of_state())
         folder = Path() if args.out is None else args.out.parent
         name = f"{which}-fit"
@@ -107,6 +107,7 @@ class FitSession:
         """Raises: Stopped, Refused, DaemonGone."""
         if self._fitting.state is None or self._fitting.is_lost:
             return
+        self._tell_above_caps()
         with ExitStack() as stack:
             stack.callback(self._trials.close)
             stack.callback(self._in_use.tell)
@@ -122,6 +123,19 @@ class FitSession:
             stimulator.open()
             while (state := self._fitting.state) is not None and not self._fitting.is_lost:
                 self._ask_in(state, wearer, stimulator)
+
+    def _tell_above_caps(self) -> None:
+        """Before the board is armed."""
+        if not (above_ua := self._fitting.above_caps_ua):
+            return
+        print(
+            f"on damp skin, in {sum(state.is_damp for state in STATES)} of {len(STATES)} states,"
+            f" {len(above_ua)} of {len(self._progress.electrodes)} electrodes may get more than"
+            f" their caps in {self._args.baseline}, up to {max(above_ua.values())} uA, a step at a"
+            " time; on dry skin none does",
+            file=sys.stderr,
+            flush=True,
+        )
 
     def _armed_wearer(self, stack: ExitStack) -> Wearer:
         """Raises: Stopped, Refused."""
@@ -174,7 +188,7 @@ class FitSession:
             options.answer_no(self._args, "unsettled", said, trials=self.trials)
             tell_trials(self._args, self.trials)
             return 1
-        made = self._fitting.lowered(self._baseline)
+        made = self._fitting.lowered()
         if (stored := self._in_use[self._which]) is not None:
             made = kept_lower(made, stored)
         made = msgspec.structs.replace(made, exponent=found)
@@ -249,14 +263,14 @@ class FitSession:
     def _is_begun(self) -> bool:
         return not self._args.restart and self._file.exists()
 
-    def _electrodes_to_ask(self) -> tuple[int, ...]:
+    def _electrodes_to_ask(self, most_ua: int) -> tuple[int, ...]:
         """Of a fit that goes on: what was too strong in it may have left one of its electrodes no
         room above its threshold, so those that are named only have to be its own. Raises:
         FileError.
         """
         if self._is_begun:
             return tuple(sorted(set(self._args.electrodes)))
-        return electrodes_to_ask(self._baseline, self._args.electrodes)
+        return electrodes_to_ask(self._baseline, self._args.electrodes, most_ua)
 
     def _new_seed(self) -> int:
         return SIMULATED_SEED if self._is_simulated else randrange(MOST_SEED + 1)

@@ -202,8 +202,9 @@ def _begin_lease(
         board, leak_ohm = loaded.board.name, loaded.board.source.leak_ohm
         if not calibrations:
             raise no_exponent()
-        for made in calibrations:
-            check_exponent(made.exponent, board, leak_ohm, made.date)
+        for wanted, made in zip(command.calibrations, calibrations, strict=True):
+            of = f"calibration {wanted.name!r} ({made.polarity})"
+            check_exponent(made.exponent, board, leak_ohm, made.date, of)
     told = taken(command, calibrations)
     lease = Lease(command.lease, command.client, person, core.timeouts.lease_ns, told)
     lease.renew(host_ns)

@@ -82,6 +82,12 @@ class FittedExponent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
                 f"k = {self.k:.2f} is of a skin whose resistance changed {self.fold:.1f}-fold, and"
                 f" {LEAST_FOLD:g}-fold is needed"
             )
+        if self.high < -LEAST_K:
+            return (
+                f"k = {self.k:.2f} ({self.low:.2f} to {self.high:.2f}): thresholds rise with the"
+                " resistance, and more than a board's leak makes them; the law is made for skin"
+                " that feels more where it resists more"
+            )
         if self.k <= 0.0:
             return (
                 f"k = {self.k:.2f}: thresholds rise with the resistance, or do not follow it, and"
@@ -176,24 +182,24 @@ def usable_k(
 
 
 def check_exponent(
-    fitted: FittedExponent | None, board: str, leak_ohm: int, calibrated: datetime.date
+    fitted: FittedExponent | None, board: str, leak_ohm: int, calibrated: datetime.date, of: str
 ) -> None:
     """For a body site with `power_law`, which goes by the person's k and has none of its own.
-    `calibrated`: the day of the calibration that it stands in.
+    `calibrated`: the day of the calibration that it stands in; `of`: which one that is, in words.
 
     Raises: Refused (`bad_calibration`).
     """
     if fitted is None:
-        raise no_exponent()
+        raise no_exponent(f"{of} has none")
     if (why := fitted.why_not_on(board, leak_ohm, calibrated)) is not None:
-        raise Refused("bad_calibration", f"power_law is not for this person: {why}")
+        raise Refused("bad_calibration", f"{of}: power_law is not for this person: {why}")
 
 
-def no_exponent() -> Refused:
+def no_exponent(why: str = "none was measured") -> Refused:
     """For such a body site, of a lease without one."""
     return Refused(
         "bad_calibration",
-        "the body site's power_law goes by an exponent of the person's, and none was measured:"
-        " open with a calibration that has one (etd calibrate CODE --fit), or take power_law"
-        " out of the body site",
+        f"the body site's power_law goes by an exponent of the person's, and {why}: open with a"
+        " calibration that has one (etd calibrate CODE --fit), or take power_law out of the body"
+        " site",
     )
