@@ -50,6 +50,9 @@ SILENCE_NS = 250_000_000
 #: A datagram is never larger: a frame of 256 electrodes with explicit returns fits.
 MAX_DATAGRAM_BYTES = 192 * 1024
 
+#: Asked for, of frames that are not over: the gateway asks for no more at once.
+MOST_ACCOUNTS = 32
+
 #: A lease's token. Its length, and that of a client's name, is bounded so that every report has
 #: room.
 Token = Annotated[str, Meta(max_length=64)]
