@@ -6,7 +6,7 @@ status 1 where a bound is not met. Must not know: what a stranger does (`strange
 gateway defends itself.
 
 The engine is real, on ports that cost nothing (`wall_engine.py`); all of it is on this machine.
-Two strangers are users of their own where this is run as root.
+Three strangers are users of their own where this is run as root.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from bench.strangers import (  # noqa: E402
     Stranger,
     churn_places,
     client_of,
+    fill_the_line,
     hold_places,
     pour_stops,
 )
@@ -50,6 +51,8 @@ _COMMAND_EVERY = 10
 #: Of a stop: until the engine has heard it, and until its reply is there; and of the gateway.
 HEARD_P99_MS, ANSWERED_P99_MS = 20.0, 50.0
 MOST_MB, MOST_DESCRIPTORS = 100.0, 300
+#: Of a new client, where the kernel's line of newcomers is filled: libzmq tries again after 100 ms.
+CONNECTED_P99_MS = 100.0
 _WITHIN_MS = 10_000
 #: Other stops than those that are measured.
 _POURED = pour_stops.__name__
@@ -226,7 +229,12 @@ def _percentile(ordered: list[float], part: float) -> float:
 
 
 def bounds(found: Figures) -> list[Bound]:
+    of_the_line = []
+    if found.load == fill_the_line.__name__:
+        what = f"{found.load}: a new client's first reply, p99, ms"
+        of_the_line = [at_most(what, found.connected_p99_ms, CONNECTED_P99_MS)]
     return [
+        *of_the_line,
         at_most(f"{found.load}: stops without a reply", found.lost, 0),
         at_most(f"{found.load}: heard by the engine, p99, ms", found.heard_p99_ms, HEARD_P99_MS),
         at_most(f"{found.load}: answered, p99, ms", found.answered_p99_ms, ANSWERED_P99_MS),

@@ -2,8 +2,9 @@
 
 Owns: the strangers (connections that send nothing, messages without end, subscriptions without end,
 clients that never read, arrays that decode to much, slow requests, stops and other requests poured,
-also from many processes of one user; and two other users who take the places). Must not know: what
-is measured meanwhile, how the gateway defends itself.
+also from many processes of one user; two other users who take the places, and one who fills the
+kernel's line of newcomers). Must not know: what is measured meanwhile, how the gateway defends
+itself.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from etd.files.paths import CONTROL, FRAMES, TELEMETRY
 from raw_client import connected, connected_by_others, hello, part, poured
 
 CONNECTS, PROCESSES = 2_000, 70
-#: Users of their own, where this is root: (of the one who holds places, of the one who churns).
-USERS = (60_001, 60_002)
+#: Users of their own, where this is root: of the one who holds places, of the one who churns, and
+#: of the one who fills the line.
+USERS = (60_001, 60_002, 60_003)
 #: More than a user gets beside others; and so many at once that come and go.
 HELD, CHURNED = 80, 20
 _LARGE = b"x" * 60_000
@@ -252,6 +254,18 @@ def churn_places(folder: Path) -> Turns:
         clock.sleep_s(0.001)
 
 
+def fill_the_line(folder: Path) -> Turns:
+    """Another user, who connects and closes without a pause or a byte: while the kernel's line of
+    newcomers is full, nobody else gets into it.
+    """
+    _become(USERS[2])
+    while True:
+        for _ in range(CONNECTS):
+            with contextlib.suppress(BlockingIOError):
+                connected(folder / CONTROL).close()
+        yield
+
+
 def _become(user: int) -> None:
     """The group stays: by it the sockets can be written to."""
     if os.geteuid() == 0:
@@ -296,6 +310,7 @@ STRANGERS: dict[str, Stranger] = {
         stream_large_frames,
         hold_places,
         churn_places,
+        fill_the_line,
     )
 }
 

@@ -22,9 +22,17 @@ from engine_scenes import (
     scans,
 )
 from etd.engine.accounts import OpenAccount
-from etd.engine.commands import MOST_AWAITED
 from etd.protocol.frame import Frame
-from etd.protocol.link import Answer, ArmBoard, AskAccount, CloseLease, KeepLease, NewFrame, StopNow
+from etd.protocol.link import (
+    MOST_ACCOUNTS,
+    Answer,
+    ArmBoard,
+    AskAccount,
+    CloseLease,
+    KeepLease,
+    NewFrame,
+    StopNow,
+)
 from etd.protocol.outcome import Account
 from trace_decoder import Phase
 
@@ -257,7 +265,7 @@ def test_who_awaits_an_account_gets_it_at_a_halt(make_rig: MakeRig) -> None:
 def test_no_more_are_awaited_than_a_gateway_has_requests(make_rig: MakeRig) -> None:
     rig = fully_open(make_rig(electrodes=N))
     rig.show(current_ua=only(N, e3=1_000), ttl_ms=1_000, rate_hz=50.0, account=True)
-    for _ in range(MOST_AWAITED):
+    for _ in range(MOST_ACCOUNTS):
         rig.commands.send(AskAccount(ref=rig.next_ref(), lease=LEASE, seq=rig.last_seq))
     told = rig.ask(AskAccount, lease=LEASE, seq=rig.last_seq)
     assert told.error == "busy"

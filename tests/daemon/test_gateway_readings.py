@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from etd.files import resources
 from etd.files.calibration import load_calibration
 from etd.gateway.parsed_files import MOST, ParsedFiles, seen
-from etd.gateway.pending import MAX_READS_OF_A_USER
+from etd.gateway.pending import BOUNDS
 from etd.gateway.readings import READ_WITHIN_NS, CalibrationReadings
 from etd.protocol.errors import Refused
 from etd.protocol.link import Answer, StopNow
@@ -138,7 +138,7 @@ def test_a_file_that_is_written_while_it_is_read_is_asked_for_again(
 
 def test_of_a_user_only_so_many_wait_for_one(rig: GatewayRig, reader: HeldReader) -> None:
     request = {"op": "calibration", "do": "get", "name": "P01"}
-    waiting = [asked(rig, **request) for _ in range(MAX_READS_OF_A_USER)]
+    waiting = [asked(rig, **request) for _ in range(BOUNDS["reading"].of_a_user)]
     assert rig.call(**request)["error"] == "busy"
     assert rig.call(op="arm")["ok"], "what the engine answers has a bound of its own"
     reader.found = READ

@@ -17,6 +17,7 @@ import zmq
 
 from etd.files.calibration_folder import MOST_FILE_BYTES, CalibrationFolder
 from etd.gateway.config import GatewayConfig
+from etd.gateway.pending import BOUNDS
 from etd.gateway.server import Gateway
 from etd.protocol.calibration import Calibration
 from etd.protocol.calibration_set import digest_of
@@ -241,13 +242,14 @@ def test_without_a_lease_nothing_that_needs_one_is_passed_on() -> None:
 def test_too_many_requests_under_way_are_refused_and_a_stop_is_not() -> None:
     with GatewayRig() as rig:
         rig.engine.answer = lambda _: None
-        for index in range(33):
+        most = BOUNDS["engine"].of_a_user
+        for index in range(most + 1):
             rig.control.send(json.dumps({"op": "arm", "id": index}).encode())
 
         reply = rig.reply()
         rig.engine.answer = lambda command: Answer(ref=command.ref)
 
-        assert (reply["id"], reply["error"]) == (32, "busy")
+        assert (reply["id"], reply["error"]) == (most, "busy")
         assert rig.call(op="stop", id="s")["ok"]
 
 

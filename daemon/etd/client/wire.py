@@ -13,6 +13,9 @@ import zmq
 
 from etd.protocol.messages import MAX_MESSAGE_BYTES
 
+#: Until it is tried again to connect: at first, and at most.
+AGAIN_MS, LATER_MS = 10, 100
+
 S = TypeVar("S", bound="zmq.Socket[Any]")
 
 
@@ -20,6 +23,9 @@ def configure(socket: S, address: str) -> S:
     """Connect so that no message waits in a queue for a daemon that starts later."""
     socket.setsockopt(zmq.LINGER, 0)
     socket.setsockopt(zmq.IMMEDIATE, 1)
+    # The daemon's line of newcomers may be full for a moment, and this one may want to stop.
+    socket.setsockopt(zmq.RECONNECT_IVL, AGAIN_MS)
+    socket.setsockopt(zmq.RECONNECT_IVL_MAX, LATER_MS)
     socket.setsockopt(zmq.SNDHWM, 8)
     socket.setsockopt(zmq.MAXMSGSIZE, 16 * MAX_MESSAGE_BYTES)
     socket.connect(address)

@@ -19,6 +19,7 @@ from etd.protocol.exponent import check_exponent, no_exponent
 from etd.protocol.felt import FeltDone
 from etd.protocol.frame import check_shape
 from etd.protocol.link import (
+    MOST_ACCOUNTS,
     Alive,
     Answer,
     ArmBoard,
@@ -43,8 +44,6 @@ from etd.safety.limits import limits_of_calibrations, limits_of_numbers
 
 #: A client on this machine reads the same clock; more than this ahead is not that clock.
 _AHEAD_NS = 100_000_000
-#: Accounts that are waited for: as many as a gateway has requests under way.
-MOST_AWAITED = 32
 
 
 def execute(core: Supervisor, command: ToEngine, host_ns: int) -> None:
@@ -116,8 +115,10 @@ def _answer_to(core: Supervisor, command: ToEngine, host_ns: int) -> Answer | No
             if token != core.reporter.accounts.lease:
                 _holder(core, token)
             awaited = core.reporter.accounts.awaited
-            if len(awaited) >= MOST_AWAITED:
-                raise Refused("busy", f"{MOST_AWAITED} accounts are waited for: ask again later")
+            if len(awaited) >= MOST_ACCOUNTS:
+                raise Refused(
+                    "busy", f"{MOST_ACCOUNTS} accounts are waited for: ask again when one has come"
+                )
             awaited.append((command.ref, command.seq))
             return None
         case RecordPulses(is_on=is_on):

@@ -24,6 +24,13 @@ _OVERHEAD_BYTES = 64
 _CREDENTIALS = struct.Struct("=iII")
 
 
+def sender_of(accepted: socket.socket) -> Sender:
+    """Who is at the other end, by the kernel."""
+    packed = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    pid, uid, _ = _CREDENTIALS.unpack(packed)
+    return Sender(uid, pid)
+
+
 class Connection:
     """Never blocks. Closed by either end, it stays so, and does nothing."""
 
@@ -50,10 +57,8 @@ class Connection:
         self.unknown_topics = 0
         #: The events that epoll watches it for.
         self.watched = 0
-        packed = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        pid, uid, _ = _CREDENTIALS.unpack(packed)
-        self.sender = Sender(uid, pid)
-        self.uid = uid
+        self.sender = sender_of(accepted)
+        self.uid = self.sender.uid
         self.send(GREETING)
 
     @property

@@ -18,7 +18,14 @@ from etd.gateway.frames import FrameHandler
 from etd.gateway.inbound import InboundMessage
 from etd.gateway.lease import LeaseView, StandingLease
 from etd.gateway.opening import opening
-from etd.gateway.pending import MAX_WAIT_NS, Awaited, Done, PendingRequest, PendingRequests
+from etd.gateway.pending import (
+    MAX_WAIT_NS,
+    Awaited,
+    Done,
+    Kind,
+    PendingRequest,
+    PendingRequests,
+)
 from etd.gateway.readings import CalibrationReadings
 from etd.gateway.records import RecordHandler
 from etd.gateway.stops import Stops
@@ -159,7 +166,7 @@ class ControlHandler:
         token = secrets.token_hex(16)
         names = _names_of(request.calibration)
         calibrations = self._store.named(names, self._offers_shipped())
-        command = opening(request, token, calibrations, self._pending.next_engine_ref())
+        command = opening(request, token, calibrations, self._pending.next_ref_of(inbound.uid))
 
         def granted(answer: Answer) -> Success:
             lease = StandingLease(token, request.client, inbound.uid, calibrations, request.limits)
@@ -176,24 +183,26 @@ class ControlHandler:
             self._leases.end(lease, "closed")
             return replies.done(answer)
 
-        return self._sent(CloseLease(ref=self._pending.next_engine_ref(), lease=lease), closed)
+        return self._sent(
+            CloseLease(ref=self._pending.next_ref_of(inbound.uid), lease=lease), closed
+        )
 
     def _keep(self, request: Keep, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
-        return self._sent(KeepLease(ref=self._pending.next_engine_ref(), lease=lease))
+        return self._sent(KeepLease(ref=self._pending.next_ref_of(inbound.uid), lease=lease))
 
     def _disarm(self, request: Disarm, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
-        return self._sent(DisarmBoard(ref=self._pending.next_engine_ref(), lease=lease))
+        return self._sent(DisarmBoard(ref=self._pending.next_ref_of(inbound.uid), lease=lease))
 
     def _arm(self, _: Arm, inbound: InboundMessage) -> Awaited:
         self._operators.check(inbound.uid)
-        return self._sent(ArmBoard(ref=self._pending.next_engine_ref()), replies.armed)
+        return self._sent(ArmBoard(ref=self._pending.next_ref_of(inbound.uid)), replies.armed)
 
     def _clear(self, _: Clear, inbound: InboundMessage) -> Awaited:
         self._operators.check(inbound.uid)
         command = ClearHalt(
-            ref=self._pending.next_engine_ref(),
+            ref=self._pending.next_ref_of(inbound.uid),
             uid=inbound.uid,
             is_operator=self._operators.is_one(inbound.uid),
         )
@@ -203,12 +212,12 @@ class ControlHandler:
         # It puts the supply on, and fires at every electrode.
         self._operators.check(inbound.uid)
         lease = self._held(request.lease, inbound)
-        command = MeasureContact(ref=self._pending.next_engine_ref(), lease=lease)
+        command = MeasureContact(ref=self._pending.next_ref_of(inbound.uid), lease=lease)
         return self._sent(command, replies.measured)
 
     def _mark(self, request: Mark, inbound: InboundMessage) -> Awaited:
         lease = self._held(request.lease, inbound)
-        command = SetMark(ref=self._pending.next_engine_ref(), lease=lease, tag=request.tag)
+        command = SetMark(ref=self._pending.next_ref_of(inbound.uid), lease=lease, tag=request.tag)
         return self._sent(command, replies.marked)
 
     def _felt(self, request: Felt, inbound: InboundMessage) -> Awaited:
@@ -220,26 +229,26 @@ class ControlHandler:
             except Refused as refused:
                 if request.answer != "too_strong" or refused.code not in _NOT_THE_HOLDERS:
                     raise
+        kind: Kind = "too_strong" if request.answer == "too_strong" else "engine"
         command = SayFelt(
-            ref=self._pending.next_engine_ref(),
+            ref=self._pending.next_ref_of(inbound.uid, kind),
             answer=request.answer,
             electrodes=request.electrodes,
             lease=lease,
         )
-        return self._sent(command, replies.heard)
+        return self._sent(command, replies.heard, kind)
 
     def _account(self, request: AccountOf, inbound: InboundMessage) -> Awaited:
         """Also of the lease that ended last: what was fired until then can still be asked for."""
         if not self._leases.has_ended(request.lease, inbound.uid):
             self._held(request.lease, inbound)
-        command = AskAccount(
-            ref=self._pending.next_engine_ref(), lease=request.lease, seq=request.seq
-        )
-        return self._sent(command, replies.accounted)
+        ref = self._pending.next_ref_of(inbound.uid, "account")
+        command = AskAccount(ref=ref, lease=request.lease, seq=request.seq)
+        return self._sent(command, replies.accounted, "account")
 
     def _frame(self, request: FrameRequest, inbound: InboundMessage) -> Awaited:
         lease = self._frames.check(request, inbound.uid)
-        ref = self._pending.next_engine_ref()
+        ref = self._pending.next_ref_of(inbound.uid)
         self._frames.pass_on(request, lease, ref)
         return Awaited(ref, functools.partial(replies.framed, request.seq))
 
@@ -265,13 +274,13 @@ class ControlHandler:
         unread = self._store.unread(names, self._offers_shipped())
         if not unread:
             return done()
-        ref = self._pending.next_reading_ref(inbound.uid)
+        ref = self._pending.next_ref_of(inbound.uid, "reading")
         self._readings.ask(ref, inbound.uid, unread)
         return Awaited(ref, lambda _: done(), "reading")
 
-    def _sent(self, command: Command, done: Done = replies.done) -> Awaited:
+    def _sent(self, command: Command, done: Done = replies.done, kind: Kind = "engine") -> Awaited:
         self._engine.command(command)
-        return Awaited(command.ref, done)
+        return Awaited(command.ref, done, kind)
 
     def _held(self, token: str, inbound: InboundMessage) -> str:
         """The lease named, if it stands. Raises: Refused (`engine_gone`, `halted`, the lease's)."""

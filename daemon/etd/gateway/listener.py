@@ -2,6 +2,11 @@
 
 Owns: in which turn they are read, and the counts of those that ended or were not let in.
 Must not know: who is let in, what a message means.
+
+The kernel has one line of newcomers for all users. While it is full nobody else gets into it, and
+libzmq tries again 100 ms later. So more of them are taken out of it in a look than are let in, and
+those that only fill it cost little: who has left without a byte, and of a process that sends many,
+who has said nothing yet.
 """
 
 from __future__ import annotations
@@ -16,13 +21,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from etd.gateway import places
-from etd.gateway.connection import Connection
-from etd.gateway.turns import Turns
+from etd.gateway.connection import Connection, sender_of
+from etd.gateway.turns import Sender, Turns
 from etd.protocol.zmtp import Parts, message
 
-#: Accepted in one turn: few, so that a newcomer has some turns to say something.
-_ACCEPTS_A_TURN = 16
-#: Those that wait to be accepted, in the kernel.
+#: Taken out of the line in one look.
+_ACCEPTS_A_LOOK = 64
+#: Let in of these: few, so that a newcomer has some looks to say something.
+_LET_IN_A_LOOK = 16
+#: And of one process, of those that have said nothing yet.
+_SILENT_OF_A_PROCESS = 8
+#: The line's length. In a longer one who has got into it waits longer than saves trying again.
 _BACKLOG = 128
 
 
@@ -171,7 +180,8 @@ class Listener:
             places.seat_a_guest(list(self._connections.values()))
 
     def _accept(self) -> None:
-        for _ in range(_ACCEPTS_A_TURN):
+        let_in, silent = 0, Counter[Sender]()
+        for _ in range(_ACCEPTS_A_LOOK):
             try:
                 accepted, _ = self._socket.accept()
             except BlockingIOError:
@@ -179,7 +189,15 @@ class Listener:
             except OSError:
                 self._accept_last()
                 return
+            no_use = _no_use(accepted, silent)
+            if no_use is not None:
+                accepted.close()
+                self._counts[f"{self._name}_{no_use}"] += 1
+                continue
             self._judge(accepted)
+            let_in += 1
+            if let_in >= _LET_IN_A_LOOK:
+                return
 
     def _accept_last(self) -> None:
         """With the spare descriptor: a silent connection leaves for the newcomer, or it does."""
@@ -231,6 +249,19 @@ class Listener:
         if ended.is_broken_off:
             self._counts[f"{self._name}_broken_off"] += 1
         return True
+
+
+def _no_use(accepted: socket.socket, silent: Counter[Sender]) -> str | None:
+    """As what it is counted, if it is to be closed at once. `silent`: so many in this look."""
+    try:
+        has_left = not accepted.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        sender = sender_of(accepted)
+        silent[sender] += 1
+        return "turned_away" if silent[sender] > _SILENT_OF_A_PROCESS else None
+    except OSError:
+        has_left = True
+    return "disconnects" if has_left else None
 
 
 @contextmanager

@@ -1,29 +1,54 @@
 """Requests that wait for an answer: of the engine, or of the process that reads calibrations.
 
 Owns: refs, their bounds, and how long a request may wait. Must not know: what was requested.
+
+Each kind has places of its own, so that none is refused for another: an account comes when its
+frame is over, seconds later, and who says too strong meanwhile must be heard. Of each kind a user
+has so many, and all together more than one of them can take; where they are taken, a user of whom
+none waits is let in all the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from etd.gateway.inbound import InboundMessage
 from etd.protocol.errors import Refused
-from etd.protocol.link import Answer
+from etd.protocol.link import MOST_ACCOUNTS, Answer
 from etd.protocol.messages import Id, Success
 
-#: More than these under way at the engine are refused; stops have a bound of their own.
-MAX_REQUESTS = 32
-#: Of a user, so many that wait for a calibration to be read.
-MAX_READS_OF_A_USER = 8
 #: Arming may take seconds; after this long an answer is not expected any more.
 MAX_WAIT_NS = 15_000_000_000
 
 
-#: What a request waits for.
-Kind = Literal["engine", "reading", "stop"]
+#: What a request waits for; of stops see `stops.py`.
+Kind = Literal["engine", "account", "too_strong", "reading", "stop"]
+
+
+class _Bound(NamedTuple):
+    """`in_all` None: as many as there are users. `refusal`: what waits, and what to do."""
+
+    of_a_user: int
+    in_all: int | None
+    refusal: str
+
+
+BOUNDS: Final[dict[Kind, _Bound]] = {
+    "engine": _Bound(16, 32, "requests of {} wait for the engine: send again"),
+    "account": _Bound(
+        24,
+        MOST_ACCOUNTS,
+        "accounts are waited for by {}: ask again when one of the frames is over",
+    ),
+    "too_strong": _Bound(
+        8,
+        None,
+        "times 'too_strong' of {} are on their way to the engine: send it again, or send stop",
+    ),
+    "reading": _Bound(8, None, "requests of {} wait for a calibration: send again"),
+}
 #: What makes a reply of an answer, or else names another one to wait for.
 Done = Callable[[Answer], "Success | Awaited"]
 
@@ -64,23 +89,15 @@ class PendingRequests:
         self._last_ref += 1
         return self._last_ref
 
-    def next_engine_ref(self) -> int:
-        """Raises: Refused (`busy`) if too many wait for the engine already."""
-        count = sum(request.kind == "engine" for request in self._pending.values())
-        if count >= MAX_REQUESTS:
-            raise Refused("busy", f"{count} requests are waiting for the engine: send again")
-        return self.next_ref()
-
-    def next_reading_ref(self, uid: int) -> int:
-        """Raises: Refused (`busy`) if too many of this user wait for a calibration already."""
-        count = sum(
-            request.kind == "reading" and request.inbound.uid == uid
-            for request in self._pending.values()
-        )
-        if count >= MAX_READS_OF_A_USER:
-            raise Refused(
-                "busy", f"{count} requests of this user wait for a calibration: send again"
-            )
+    def next_ref_of(self, uid: int, kind: Kind = "engine") -> int:
+        """Raises: Refused (`busy`) if too many of its kind wait already."""
+        bound = BOUNDS[kind]
+        uids = [it.inbound.uid for it in self._pending.values() if it.kind == kind]
+        of_user, in_all = uids.count(uid), len(uids)
+        if of_user >= bound.of_a_user:
+            raise Refused("busy", f"{of_user} {bound.refusal.format('this user')}")
+        if of_user and bound.in_all is not None and in_all >= bound.in_all:
+            raise Refused("busy", f"{in_all} {bound.refusal.format('all users')}")
         return self.next_ref()
 
     def get(self, ref: int) -> PendingRequest | None:

@@ -52,10 +52,10 @@ class RecordHandler:
             self._check_stop(inbound)
             if self._engine.is_there:
                 # What the engine has gathered comes before its answer.
-                ref = self._pending.next_engine_ref()
+                ref, serial = self._pending.next_ref_of(inbound.uid), self._recorder.serial
                 self._engine.command(RecordPulses(ref=ref, is_on=False))
-                return Awaited(ref, functools.partial(self._stop, self._recorder.serial))
-            return self._stop(self._recorder.serial)
+                return Awaited(ref, functools.partial(self._stop, inbound.uid, serial))
+            return self._stop(inbound.uid, self._recorder.serial)
         elif request.do == "get":
             name = _name_of(request)
             self._check_may(inbound, name, self._owner(name))
@@ -115,11 +115,11 @@ class RecordHandler:
         self._awaiting = [it for it in self._awaiting if it[0] not in due]
         return [Answer(ref=ref) for ref in due]
 
-    def _stop(self, serial: int, _: Answer | None = None) -> Awaited:
+    def _stop(self, uid: int, serial: int, _: Answer | None = None) -> Awaited:
         """The reply comes when the disk has all; meanwhile the gateway serves everyone. One that
         was begun since the request came goes on: it may be another user's.
         """
-        ref, now_ns = self._pending.next_engine_ref(), self._clock.now_ns()
+        ref, now_ns = self._pending.next_ref_of(uid), self._clock.now_ns()
         if serial == self._recorder.serial:
             self._recorder.stop("stopped", now_ns)
         self._awaiting.append((ref, now_ns + CLOSED_NS))

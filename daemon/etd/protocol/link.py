@@ -41,8 +41,7 @@ from etd.protocol.messages import (
 from etd.protocol.opening import LeaseCalibration, WantedCalibrations
 from etd.protocol.outcome import Account, Clamp, Shortfall
 from etd.protocol.peer import Peer, peer_of
-from etd.protocol.text import PLAIN_PATTERN
-from etd.protocol.who import MOST_OF_WHO
+from etd.protocol.who import Uid, Who
 from etd.stabilize.offset_estimate import Answer as FeltAnswer
 from etd.stabilize.shape import PLAIN, Shape
 
@@ -51,11 +50,12 @@ ALIVE_NS = 50_000_000
 SILENCE_NS = 250_000_000
 #: A datagram is never larger: a frame of 256 electrodes with explicit returns fits.
 MAX_DATAGRAM_BYTES = 192 * 1024
+#: Asked for, of frames that are not over: the gateway asks for no more at once.
+MOST_ACCOUNTS = 32
 
 #: A lease's token. Its length, and that of a client's name, is bounded so that every report has
 #: room.
 Token = Annotated[str, Meta(max_length=64)]
-Uid = Annotated[int, Meta(ge=0, lt=2**32)]
 
 
 class _Message(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -108,11 +108,9 @@ class ClearHalt(Command, frozen=True, kw_only=True):
 
 
 class StopNow(Command, frozen=True, kw_only=True):
-    """`client`: as `who` names it, so that the halt says whose stop it was. `uid`: as in
-    `ClearHalt`.
-    """
+    """`client`: so that the halt says whose stop it was. `uid`: as in `ClearHalt`."""
 
-    client: Annotated[str, Meta(max_length=MOST_OF_WHO, pattern=PLAIN_PATTERN)]
+    client: Who
     uid: Uid | None = None
 
 

@@ -8,10 +8,17 @@ with its quotes, and the user that the kernel told follows them.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
+
+from msgspec import Meta
+
+from etd.protocol.text import PLAIN_PATTERN
 
 #: A name has 64 characters, of which a quoted one may take ten, as \U0010ffff; the user follows.
 MOST_OF_WHO: Final = 700
+#: What `who` has made.
+Who = Annotated[str, Meta(max_length=MOST_OF_WHO, pattern=PLAIN_PATTERN)]
+Uid = Annotated[int, Meta(ge=0, lt=2**32)]
 
 
 def who(client: str, uid: int | None) -> str:
