@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 
 import msgspec
@@ -252,7 +253,7 @@ def test_a_record_has_requests_replies_and_a_halt_with_who_and_why(tmp_path: Pat
     assert {line.number for line in asked} == answered
     assert {line.client for line in asked if line.request["op"] != "arm"} == {"test"}
     (halt,) = (line.report for line in lines if isinstance(line, Halted))
-    assert (halt.cause, halt.source) == ("stop", "test")
+    assert (halt.cause, halt.source) == ("stop", f"'test' (user {os.geteuid()})")
     assert b'"lease":"' not in path.read_bytes()
 
 

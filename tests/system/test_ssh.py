@@ -141,7 +141,7 @@ def test_a_calibration_is_stored_and_deleted_by_a_process_there(rig: SshRig) -> 
         script = """
 from etd import Display, Refused
 with Display(host="display") as display:
-    made = display.calibration("P01")
+    made = display.calibration("fake-fingertip")
     display.check_may_store()
     display.set_calibration("P02", made)
     display.set_calibration("--help", made)

@@ -103,7 +103,7 @@ def _state(name: str, report: StateReport) -> str:
 def _lease(report: StateReport) -> str:
     if not report.holder:
         return "free"
-    return f"held by {report.holder}, with {said_of_taken(report.calibrations)}"
+    return f"held by {report.holder!r}, with {said_of_taken(report.calibrations)}"
 
 
 def _session(report: StateReport) -> str:
