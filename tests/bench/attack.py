@@ -162,15 +162,21 @@ def _stop(
     """
     made_ns = clock.now_ns()
     with client_of(gateway.folder, zmq.DEALER) as client:
-        if _asked(client, b'{"op": "clear"}') is None:
+        cleared = _asked(client, b'{"op": "clear"}')
+        if cleared is None:
             return None
         connected_ms = (clock.now_ns() - made_ns) / 1e6
+    # Where strangers of the same user have all connections, a newcomer is heard only to stop, and
+    # leaves after anything else: the stop comes from another one. The board stays halted then, and
+    # no report tells when it heard this stop.
+    is_hidden = is_poured or json.loads(cleared).get("error") == "busy"
+    with client_of(gateway.folder, zmq.DEALER) as client:
         gateway.look()
         begun_ns = clock.now_ns()
         if _asked(client, b'{"op": "stop", "client": "bench"}') is None:
             return None
         answered_ns = clock.now_ns()
-        if is_poured:
+        if is_hidden:
             return connected_ms, *((answered_ns - begun_ns) / 1e6,) * 2
         while reports.poll(_WITHIN_MS):
             topic, report = reports.recv_multipart()
