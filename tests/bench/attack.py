@@ -166,25 +166,37 @@ def _stop(
         if cleared is None:
             return None
         connected_ms = (clock.now_ns() - made_ns) / 1e6
+        if json.loads(cleared).get("error") != "busy":
+            times_ms = _heard_and_answered(gateway, client, reports, is_hidden=is_poured)
+            return times_ms and (connected_ms, *times_ms)
     # Where strangers of the same user have all connections, a newcomer is heard only to stop, and
     # leaves after anything else: the stop comes from another one. The board stays halted then, and
     # no report tells when it heard this stop.
-    is_hidden = is_poured or json.loads(cleared).get("error") == "busy"
     with client_of(gateway.folder, zmq.DEALER) as client:
-        gateway.look()
-        begun_ns = clock.now_ns()
-        if _asked(client, b'{"op": "stop", "client": "bench"}') is None:
-            return None
-        answered_ns = clock.now_ns()
-        if is_hidden:
-            return connected_ms, *((answered_ns - begun_ns) / 1e6,) * 2
-        while reports.poll(_WITHIN_MS):
-            topic, report = reports.recv_multipart()
-            heard_ns = json.loads(report)["t_ns"] if topic == b"halt" else 0
-            if heard_ns >= begun_ns:
-                times_ns = (heard_ns - begun_ns, answered_ns - begun_ns)
-                return connected_ms, times_ns[0] / 1e6, times_ns[1] / 1e6
+        times_ms = _heard_and_answered(gateway, client, reports, is_hidden=True)
+        return times_ms and (connected_ms, *times_ms)
+
+
+def _heard_and_answered(
+    gateway: _Gateway,
+    client: zmq.Socket[bytes],
+    reports: zmq.Socket[bytes],
+    *,
+    is_hidden: bool,
+) -> tuple[float, float] | None:
+    gateway.look()
+    begun_ns = clock.now_ns()
+    if _asked(client, b'{"op": "stop", "client": "bench"}') is None:
         return None
+    answered_ms = (clock.now_ns() - begun_ns) / 1e6
+    if is_hidden:
+        return answered_ms, answered_ms
+    while reports.poll(_WITHIN_MS):
+        topic, report = reports.recv_multipart()
+        heard_ns = json.loads(report)["t_ns"] if topic == b"halt" else 0
+        if heard_ns >= begun_ns:
+            return (heard_ns - begun_ns) / 1e6, answered_ms
+    return None
 
 
 def _stopped_by_command(folder: Path) -> float | None:
