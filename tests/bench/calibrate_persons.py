@@ -199,13 +199,15 @@ def row_of(method: Method, person: str, sittings: Sequence[Sitting]) -> dict[str
 
 
 def line_of(row: dict[str, Any]) -> str:
+    verdict = "holds" if row["ok"] else "FAILS"
+    if row["ok"] and row["pain"] > PAIN:
+        verdict += ", but for pain, which is told and not judged"
     return (
         f"{row['method']:<10}  {row['person']:<15}  off by {row['median']:6.1%} (median)"
         f" {row['nine_of_ten']:6.1%} (nine of ten), bias {row['bias']:+6.1%};"
         f" {row['presentations']:5.1f} presentations an electrode, {row['left']} without a result,"
         f" {row['refused']} sittings without a calibration;"
-        f" silence felt {row['false_alarm_rate']:4.0%}; most pain {row['pain']:.2f} of 1:"
-        f" {'holds' if row['ok'] else 'FAILS'}"
+        f" silence felt {row['false_alarm_rate']:4.0%}; most pain {row['pain']:.2f} of 1: {verdict}"
     )
 
 

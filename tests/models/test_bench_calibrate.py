@@ -66,3 +66,13 @@ def test_a_method_that_is_not_the_default_has_a_bound_for_pain_only() -> None:
     ):
         sitting.pain = pain
         assert calibrate_persons.row_of(method, "all", [sitting])["ok"] is is_held  # type: ignore[arg-type]
+
+
+def test_pain_of_who_says_it_too_late_is_told_and_not_called_held() -> None:
+    sitting = calibrate_persons.Sitting(errors=[0.01] * 9, pain=1.2)
+    row = calibrate_persons.row_of("staircase", "at pain", [sitting])
+    assert row["ok"]
+    assert calibrate_persons.line_of(row).endswith("told and not judged")
+    sitting.pain = 1.0
+    row = calibrate_persons.row_of("staircase", "at pain", [sitting])
+    assert calibrate_persons.line_of(row).endswith("of 1: holds")
