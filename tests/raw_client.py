@@ -89,3 +89,15 @@ def poured(to: socket.socket, data: bytes) -> int:
         return 0
     except (BrokenPipeError, ConnectionResetError):
         return -1
+
+
+def is_closed(made: socket.socket) -> bool:
+    """By the other end; what that had sent is read first."""
+    try:
+        while made.recv(65_536):
+            pass
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+    return True

@@ -13,7 +13,15 @@ import pytest
 
 from etd.protocol.link import StopNow
 from gateway_rig import GatewayRig
-from raw_client import connected, connected_by_another, connected_by_others, hello, part, poured
+from raw_client import (
+    connected,
+    connected_by_another,
+    connected_by_others,
+    hello,
+    is_closed,
+    part,
+    poured,
+)
 
 STOP = hello("DEALER") + part(b'{"op":"stop"}')
 #: A stop behind a line of 128: three looks at it, and one in which it is read.
@@ -108,18 +116,6 @@ def test_a_crowd_of_processes_is_let_in_a_few_a_look(rig: GatewayRig, held: Exit
     assert [is_greeted(made) for made in crowd] == [True] * 16 + [False] * 4
     rig.step()
     assert is_greeted(crowd[-1])
-
-
-def is_closed(made: socket.socket) -> bool:
-    """Whatever was sent to it before."""
-    try:
-        while made.recv(65_536):
-            pass
-    except BlockingIOError:
-        return False
-    except ConnectionResetError:
-        return True
-    return True
 
 
 def is_greeted(made: socket.socket) -> bool:
