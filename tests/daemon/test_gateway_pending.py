@@ -1,6 +1,6 @@
 """Requests that wait: of which kind and whose they are decides which others are refused.
 
-Owns: the bounds of each kind, and that nobody's *too strong* meets what others wait for.
+Owns: the bounds of each kind, and that no *too strong* meets what others wait for.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def test_a_strangers_clear_leaves_the_board_halted(rig: EngineRig) -> None:
 
 
 def test_a_stop_of_who_came_second_stands_as_well(rig: EngineRig) -> None:
-    """Who stops first, to clear it at once, lifts nobody else's."""
+    """Who stops first, to clear it at once, lifts no other user's."""
     rig.ask(StopNow, client="attacker", uid=1002)
     rig.ask(StopNow, client="wearer", uid=1001)
     assert rig.ask(ClearHalt, uid=1002).error == "not_permitted"
